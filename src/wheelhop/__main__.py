@@ -1,0 +1,5 @@
+"""`python -m wheelhop`."""
+
+from wheelhop.cli import main
+
+main()

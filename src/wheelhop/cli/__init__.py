@@ -1,0 +1,44 @@
+"""The command line: `wheelhop COMMAND --help`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from wheelhop import __version__
+from wheelhop.cli.estimate import demo, estimate
+from wheelhop.cli.montecarlo import montecarlo
+from wheelhop.cli.road import road
+from wheelhop.cli.simulate import simulate
+from wheelhop.cli.vehicle import vehicle
+
+app = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    help="Tyre pressure from accelerometers: simulate, estimate, validate.",
+)
+
+for _command in (demo, estimate, simulate, road, montecarlo, vehicle):
+    app.command()(_command)
+
+
+def _show_version(value: bool) -> None:
+    if value:
+        typer.echo(f"wheelhop {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _main(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show it.")
+    ] = False,
+) -> None:
+    del version
+
+
+def main() -> None:
+    """Entry point of the `wheelhop` command."""
+    app()

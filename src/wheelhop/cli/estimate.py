@@ -1,0 +1,181 @@
+"""`wheelhop estimate` and `wheelhop demo`: pressure from a log, and from a simulated leak."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from wheelhop.cli.session import (
+    OutDirectory,
+    Precision,
+    Seed,
+    command,
+    computing,
+    console,
+    progress_bar,
+    provenance,
+    say_files,
+)
+from wheelhop.cli.vehicle import DEFAULT_VEHICLE, VehicleFile, load_vehicle
+from wheelhop.estimators.estimate import PressureEstimate, estimate_pressure
+from wheelhop.estimators.immuf import Tuning, validate_tuning
+from wheelhop.evaluation.summary import summarise_estimate
+from wheelhop.io.logs import read_log, write_log
+from wheelhop.io.results import output_directory, write_figure, write_json, write_table
+from wheelhop.plots import plot_estimate
+from wheelhop.studies.first_light import FirstLight, run_first_light
+from wheelhop.vehicle.record import CornerRecord
+
+_TABLE_ROWS = 10
+
+
+@command
+def estimate(
+    log: Annotated[Path, typer.Argument(help="CSV or Parquet: t, a_s, a_u, v with units.")],
+    vehicle: VehicleFile = None,
+    units: Annotated[
+        Path | None,
+        typer.Option(help="TOML with \\[units] and \\[columns]; default LOG.toml if there."),
+    ] = None,
+    noise: Annotated[float, typer.Option(help="Accelerometer noise [m/s^2].")] = 0.5,
+    walk: Annotated[
+        float, typer.Option(help="Random walk of the stiffness, relative per root second.")
+    ] = Tuning.stiffness_walk,
+    out: OutDirectory = Path("wheelhop-estimate"),
+    seed: Seed = 0,
+    precision: Precision = "float64",
+) -> None:
+    """Estimate tyre pressure over time from a log of two accelerometers.
+
+    The estimator is an IMM of four unscented filters, one per ISO 8608 class A to D. On a
+    road between the classes it can be wrong by tens of kPa: see the README's limits.
+
+    Example: wheelhop estimate drive.csv --vehicle front.toml --out result
+    """
+    with computing(precision):
+        record = read_log(log, units)
+        car, name = load_vehicle(vehicle)
+        tuning = validate_tuning(Tuning(noise_a_s=noise, noise_a_u=noise, stiffness_walk=walk))
+        with progress_bar("filtering", "samples") as advance:
+            result = estimate_pressure(record, car, tuning=tuning, on_progress=advance)
+    settings = {"log": str(log), "vehicle": name, "tuning": asdict(tuning), "seed": seed}
+    _report(
+        result, record, tuning, out, provenance("estimate", precision, **settings), Path(log).name
+    )
+
+
+@command
+def demo(
+    out: OutDirectory = Path("wheelhop-demo"),
+    road: Annotated[str, typer.Option(help="ISO 8608 class of the true road.")] = "B",
+    seed: Seed = 0,
+    precision: Precision = "float64",
+) -> None:
+    """Simulate an SUV's corner at 60 km/h whose tyre leaks from 230 to 180 kPa, and see it.
+
+    Example: wheelhop demo --road C --seed 3 --out demo
+    """
+    settings = FirstLight(road_class=road, seed=seed)
+    tuning = Tuning()
+    console.print(f"vehicle: {DEFAULT_VEHICLE}; road: ISO class {road}; 60 km/h; 500 Hz")
+    with computing(precision), progress_bar("filtering", "samples") as advance:
+        record, result = run_first_light(settings, tuning, on_progress=advance)
+    made_by = provenance(
+        "demo", precision, study=asdict(settings), tuning=asdict(tuning), vehicle=DEFAULT_VEHICLE
+    )
+    title = f"A tyre that leaks from 230 to 180 kPa, class {road} road, 60 km/h"
+    _report(result, record, tuning, out, made_by, title, log_too=True)
+
+
+def _report(
+    result: PressureEstimate,
+    record: CornerRecord,
+    tuning: Tuning,
+    out: Path,
+    made_by: dict[str, Any],
+    title: str,
+    log_too: bool = False,
+) -> None:
+    """Print the table, write data, summary and figure."""
+    summary = summarise_estimate(result, record, tuning.prior_pressure)
+    console.print(_result_table(result, record))
+    for line in _verdict(summary):
+        console.print(line)
+    directory = output_directory(out)
+    files = ["estimate.parquet", "estimate.png", "summary.json"]
+    _write_estimate(directory / files[0], result)
+    write_figure(directory / files[1], plot_estimate(result, record, title))
+    if log_too:
+        write_log(directory / "log.parquet", record)
+        files.append("log.parquet")
+    write_json(directory / files[2], {**made_by, "results": summary})
+    say_files(directory, *files)
+
+
+def _write_estimate(path: Path, result: PressureEstimate) -> None:
+    columns: dict[str, Any] = {
+        "t": result.t,
+        "pressure": result.pressure,
+        "pressure_sigma": result.pressure_sigma,
+        "stiffness": result.stiffness,
+        "stiffness_sigma": result.stiffness_sigma,
+    }
+    units = {"t": "s", "pressure": "Pa", "pressure_sigma": "Pa"}
+    units |= {"stiffness": "N/m", "stiffness_sigma": "N/m", "nis": "1", "missing": "1"}
+    for k, mode in enumerate(result.modes):
+        columns[f"probability_{mode}"] = result.mode_probabilities[:, k]
+        units[f"probability_{mode}"] = "1"
+    columns |= {"nis": result.nis, "missing": result.missing.astype(np.int32)}
+    write_table(path, columns, units)
+
+
+def _result_table(result: PressureEstimate, record: CornerRecord) -> Table:
+    known = record.pressure is not None
+    table = Table("time [s]", *(["true [kPa]"] if known else []), title="tyre pressure")
+    for heading in ("estimate [kPa]", "sigma [kPa]", "most probable road class"):
+        table.add_column(heading)
+    for column in table.columns:
+        column.justify = "right"
+    mode = result.most_probable_mode
+    rows = np.unique(np.linspace(0, len(result.t) - 1, _TABLE_ROWS + 1).round().astype(int)[1:])
+    for k in rows:
+        true = [f"{record.pressure[k] / 1e3:.1f}"] if record.pressure is not None else []
+        table.add_row(
+            f"{result.t[k]:.2f}",
+            *true,
+            f"{result.pressure[k] / 1e3:.1f}",
+            f"{result.pressure_sigma[k] / 1e3:.1f}",
+            f"{mode[k]} ({result.mode_probabilities[k].max():.0%})",
+        )
+    return table
+
+
+def _verdict(summary: dict[str, Any]) -> list[str]:
+    """What the estimate is worth, in plain words."""
+    low, high = summary["nis_95_percent_band_if_consistent"]
+    lines = [
+        f"innovations: mean NIS {summary['mean_nis']:.2f} "
+        f"(a filter whose model fits: {low:.2f} to {high:.2f})"
+    ]
+    truth = summary.get("against_truth")
+    if truth is None:
+        lines.append("the log holds no true pressure, so the error is not known")
+        return lines
+    lines.append(
+        f"against the truth after {truth['judged_from_s']:.1f} s: rms error "
+        f"{truth['rms_error_Pa'] / 1e3:.1f} kPa (guessing the prior: "
+        f"{truth['rms_error_of_the_prior_Pa'] / 1e3:.1f} kPa), "
+        f"{truth['share_within_2_sigma']:.0%} of the time within the stated 2 sigma"
+    )
+    if truth["share_within_2_sigma"] < 0.8:
+        lines.append(
+            "the stated sigma is too small here: this filter is overconfident (README, limits)"
+        )
+    return lines
+
+

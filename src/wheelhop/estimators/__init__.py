@@ -1,0 +1,1 @@
+"""Estimators a user picks, built from filtering and vehicle."""

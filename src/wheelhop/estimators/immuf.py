@@ -1,0 +1,248 @@
+"""Brancati & Tufano's interacting multiple model of unscented filters, corrected.
+
+One unscented filter per ISO 8608 road class over x = (d, e, v_s, v_u, ln k_t): the state is
+relative to the road, the road is white process noise on the tyre deflection integrated over
+the sampling interval, and the tyre stiffness is a random walk in the state, as in the paper.
+A joint state of this kind cannot use what the spectrum's level says of the stiffness, so its
+accuracy is limited by construction; the README states what was measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from wheelhop.errors import InputError, require_in_range
+from wheelhop.filtering import (
+    Filter,
+    Gaussian,
+    InteractingParams,
+    StateSpaceModel,
+    cubature,
+    independent,
+    interacting,
+    unscented,
+)
+from wheelhop.filtering.sigma_points import Rule
+from wheelhop.vehicle.parameters import QuarterCar
+from wheelhop.vehicle.quarter_car import (
+    Accelerations,
+    RelativeState,
+    accelerations,
+    relative_step,
+)
+from wheelhop.vehicle.road import class_level, road_velocity_intensity
+from wheelhop.vehicle.tire import stiffness_from_pressure
+
+ROAD_CLASSES = ("A", "B", "C", "D")
+
+_LONGEST_STEP = 0.004
+
+
+class CornerState(NamedTuple):
+    """Relative quarter car with the tyre in the state.
+
+    Attributes:
+        deflection: d = z_s - z_u [m].
+        tyre_deflection: e = z_u - z_r [m].
+        v_s: sprung velocity [m/s].
+        v_u: unsprung velocity [m/s].
+        ln_k_t: log of the tyre stiffness in N/m.
+    """
+
+    deflection: Any
+    tyre_deflection: Any
+    v_s: Any
+    v_u: Any
+    ln_k_t: Any
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What a user may tune of the filter.
+
+    Attributes:
+        noise_a_s: standard deviation of the body accelerometer [m/s^2].
+        noise_a_u: standard deviation of the wheel accelerometer [m/s^2].
+        stiffness_walk: random walk of ln k_t [1/sqrt(s)].
+        velocity_walk: random walk of both velocities [m/s/sqrt(s)], for what the model lacks.
+        stay: diagonal of Pz, the probability that the road class holds from one sample to
+            the next.
+        prior_pressure: mean of the prior [Pa].
+        prior_pressure_sigma: its standard deviation [Pa].
+    """
+
+    noise_a_s: float = 0.5
+    noise_a_u: float = 0.5
+    stiffness_walk: float = 0.02
+    velocity_walk: float = 0.01
+    stay: float = 0.97
+    prior_pressure: float = 180e3
+    prior_pressure_sigma: float = 29e3
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class MemberParams:
+    """Parameters of one member filter; `speed` varies in time and is bound at each step.
+
+    Attributes:
+        car: the corner.
+        road_level: Gd(W0) of the member's road [m^3/rad].
+        speed: v [m/s].
+        dt: sampling interval [s].
+        noise_a_s, noise_a_u, stiffness_walk, velocity_walk: as in `Tuning`.
+    """
+
+    car: QuarterCar
+    road_level: Any
+    speed: Any
+    dt: Any
+    noise_a_s: Any
+    noise_a_u: Any
+    stiffness_walk: Any
+    velocity_walk: Any
+
+
+def corner_model(substeps: int = 1) -> StateSpaceModel:
+    """State-space model of the corner with the stiffness in the state.
+
+    Args:
+        substeps: RK4 steps per sampling interval.
+    """
+
+    def transition(x: CornerState, params: MemberParams) -> CornerState:
+        moving = RelativeState(x.deflection, x.tyre_deflection, x.v_s, x.v_u)
+        stiffness = jnp.exp(x.ln_k_t)
+        for _ in range(substeps):
+            moving = relative_step(moving, stiffness, 0.0, params.dt / substeps, params.car)
+        return CornerState(*moving, x.ln_k_t)
+
+    def observation(x: CornerState, params: MemberParams) -> Accelerations:
+        return accelerations(x, jnp.exp(x.ln_k_t), params.car)
+
+    def process_cov(x: CornerState, params: MemberParams) -> tuple:
+        # white road velocity through e' = v_u - z_r', v_u' = -(k_t / m_u) e over one interval
+        dt = params.dt
+        q = road_velocity_intensity(params.road_level, params.speed)
+        b = -jnp.exp(x.ln_k_t) / params.car.unsprung_mass
+        walk = params.velocity_walk**2 * dt
+        zero = 0.0 * q
+        return (
+            (zero,),
+            (zero, q * dt),
+            (zero, zero, walk),
+            (zero, q * b * dt**2 / 2.0, zero, q * b**2 * dt**3 / 3.0 + walk),
+            (zero, zero, zero, zero, params.stiffness_walk**2 * dt),
+        )
+
+    def observation_cov(params: MemberParams) -> tuple:
+        return ((params.noise_a_s**2,), (0.0, params.noise_a_u**2))
+
+    return StateSpaceModel(transition, observation, process_cov, observation_cov)
+
+
+def substeps_for(dt: float) -> int:
+    """RK4 steps per sampling interval that keep the wheel hop accurate."""
+    return max(1, int(-(-dt // _LONGEST_STEP)))
+
+
+def member_filter(dt: float, rule: Rule = cubature) -> Filter:
+    """The unscented filter of one road class, for a sampling interval dt [s]."""
+    return unscented(corner_model(substeps_for(dt)), rule)
+
+
+def immuf(dt: float, rule: Rule = cubature) -> Filter:
+    """The interacting multiple model filter over road classes, for an interval dt [s]."""
+    return interacting(member_filter(dt, rule))
+
+
+def member_params(
+    car: QuarterCar, road_level: float, speed: float, dt: float, tuning: Tuning = Tuning()
+) -> MemberParams:
+    """Parameters of one member, as arrays of JAX's default floating type."""
+    params = MemberParams(
+        car,
+        road_level,
+        speed,
+        dt,
+        tuning.noise_a_s,
+        tuning.noise_a_u,
+        tuning.stiffness_walk,
+        tuning.velocity_walk,
+    )
+    return jax.tree.map(lambda a: jnp.asarray(a, float), params)
+
+
+def immuf_params(
+    cars: QuarterCar | Sequence[QuarterCar],
+    speed: float,
+    dt: float,
+    tuning: Tuning = Tuning(),
+    classes: Sequence[str] = ROAD_CLASSES,
+) -> InteractingParams:
+    """Parameters of the IMM, one member per road class.
+
+    Args:
+        cars: the corner, or one parameter set per class (as the paper's Table 3).
+        speed: v [m/s] until `bind_speed` sets another.
+        dt: sampling interval [s].
+        tuning: the filter's tuning.
+        classes: ISO 8608 classes of the members.
+
+    Raises:
+        InputError: for an unknown class, a number of cars that does not fit, or tuning out of
+            range.
+    """
+    validate_tuning(tuning)
+    levels = [class_level(c) for c in classes]
+    sets = [cars] * len(levels) if isinstance(cars, QuarterCar) else list(cars)
+    if len(sets) != len(levels):
+        raise InputError(
+            "cars", f"{len(sets)} sets for {len(levels)} classes", "Give one, or one per class."
+        )
+    members = [
+        member_params(c, level, speed, dt, tuning) for c, level in zip(sets, levels, strict=True)
+    ]
+    m = len(levels)
+    transition = jnp.full((m, m), (1.0 - tuning.stay) / max(m - 1, 1), float)
+    return InteractingParams(
+        members=jax.tree.map(lambda *a: jnp.stack(a), *members),
+        transition=jnp.where(jnp.eye(m, dtype=bool), tuning.stay if m > 1 else 1.0, transition),
+        initial=jnp.full((m,), 1.0 / m, float),
+    )
+
+
+def prior(car: QuarterCar, tuning: Tuning = Tuning()) -> Gaussian:
+    """Belief before the first sample: near rest, with the pressure prior of the tuning."""
+    stiffness = stiffness_from_pressure(tuning.prior_pressure, car.tire)
+    slope = car.tire.stiffness * car.tire.pressure_coefficient / car.tire.nominal_pressure
+    ln_sigma = slope * tuning.prior_pressure_sigma / stiffness
+    mean = CornerState(0.0, 0.0, 0.0, 0.0, jnp.log(stiffness))
+    return independent(mean, CornerState(0.005, 0.002, 0.05, 0.2, ln_sigma))
+
+
+def bind_speed(params: InteractingParams, speed: Any) -> InteractingParams:
+    """The parameters at a time of speed [m/s]."""
+    members = params.members
+    return replace(params, members=replace(members, speed=jnp.full_like(members.speed, speed)))
+
+
+def validate_tuning(tuning: Tuning) -> Tuning:
+    """The same tuning, checked.
+
+    Raises:
+        InputError: naming the figure that is out of range.
+    """
+    require_in_range("tuning.noise_a_s", tuning.noise_a_s, 1e-4, 100.0, "m/s^2")
+    require_in_range("tuning.noise_a_u", tuning.noise_a_u, 1e-4, 100.0, "m/s^2")
+    require_in_range("tuning.stiffness_walk", tuning.stiffness_walk, 0.0, 10.0, "1/sqrt(s)")
+    require_in_range("tuning.velocity_walk", tuning.velocity_walk, 0.0, 100.0, "m/s/sqrt(s)")
+    require_in_range("tuning.stay", tuning.stay, 1e-6, 1.0, "(probability)")
+    require_in_range("tuning.prior_pressure", tuning.prior_pressure, 20e3, 1.5e6, "Pa")
+    require_in_range("tuning.prior_pressure_sigma", tuning.prior_pressure_sigma, 1.0, 1e6, "Pa")
+    return tuning

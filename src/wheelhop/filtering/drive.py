@@ -1,0 +1,149 @@
+"""Run a filter over a record: scan, log-likelihood, and chunks for long or watched runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from wheelhop.filtering.interface import Filter, Info, Named, Params, State
+
+Bind = Callable[[Params, Any], Params]
+"""(params, inputs at one time) -> params at that time."""
+
+Keep = Callable[[State, Info], Any]
+"""What to store of a step; storing less saves memory."""
+
+
+class Trajectory(NamedTuple):
+    """States after every update and the steps' reports, with a leading time axis."""
+
+    state: State
+    info: Info
+
+
+def _keep_all(state: State, info: Info) -> Any:
+    return Trajectory(state, info)
+
+
+def _constant(params: Params, inputs: Any) -> Params:
+    del inputs
+    return params
+
+
+def scan(
+    filter: Filter,
+    state: State,
+    ys: Named,
+    params: Params,
+    *,
+    inputs: Any = None,
+    bind: Bind = _constant,
+    keep: Keep = _keep_all,
+) -> tuple[State, Any]:
+    """Filter a record and return the final state too.
+
+    Args:
+        filter: any `Filter`.
+        state: state one sampling interval before the first sample.
+        ys: measurements, every entry [time].
+        params: the filter's parameters.
+        inputs: pytree of what varies in time (speed, dt), every leaf [time, ...].
+        bind: puts the inputs of one time into the parameters.
+        keep: chooses what to store of each step.
+
+    Returns:
+        The final state, and what `keep` chose with a leading time axis.
+    """
+
+    def body(carry: State, slices: Any) -> tuple[State, Any]:
+        y, u = slices
+        new, info = filter.step(carry, y, bind(params, u))
+        return new, keep(new, info)
+
+    return jax.lax.scan(body, state, (ys, inputs))
+
+
+def run(filter: Filter, state: State, ys: Named, params: Params, **options: Any) -> Any:
+    """Filter a record; as `scan`, without the final state."""
+    return scan(filter, state, ys, params, **options)[1]
+
+
+def log_likelihood(
+    filter: Filter,
+    state: State,
+    ys: Named,
+    params: Params,
+    *,
+    inputs: Any = None,
+    bind: Bind = _constant,
+) -> Any:
+    """log p(y_1..y_T | params), differentiable in reverse mode at the memory of one step.
+
+    The step is rematerialised in the backward pass (`jax.checkpoint`), so that memory holds
+    the states of the record and not the intermediates of every step.
+    """
+    body = jax.checkpoint(filter.step)
+
+    def add(carry: tuple[State, Any], slices: Any) -> tuple[tuple[State, Any], None]:
+        y, u = slices
+        new, info = body(carry[0], y, bind(params, u))
+        return (new, carry[1] + info.log_likelihood), None
+
+    zero = jnp.zeros((), jax.tree.leaves(state)[0].dtype)
+    (_, total), _ = jax.lax.scan(add, (state, zero), (ys, inputs))
+    return total
+
+
+def run_in_chunks(
+    filter: Filter,
+    state: State,
+    ys: Named,
+    params: Params,
+    *,
+    chunk: int,
+    inputs: Any = None,
+    bind: Bind = _constant,
+    keep: Keep = _keep_all,
+) -> Iterator[tuple[int, Any]]:
+    """Filter a long record piece by piece, in one compiled function.
+
+    Memory is that of one chunk, and the caller can show progress. The last chunk is padded
+    with missing measurements and the last inputs, and the padding is cut off again.
+
+    Args:
+        chunk: samples per piece.
+
+    Yields:
+        The number of samples done so far, and what `keep` chose for this piece as NumPy arrays.
+
+    Raises:
+        ValueError: if `chunk` is not positive.
+    """
+    if chunk < 1:
+        raise ValueError(f"chunk={chunk}: give at least 1 sample per piece")
+    ys = jax.tree.map(np.asarray, ys)
+    inputs = jax.tree.map(np.asarray, inputs)
+    total = jax.tree.leaves(ys)[0].shape[0]
+
+    @jax.jit
+    def piece(state: State, ys: Named, inputs: Any, params: Params) -> tuple[State, Any]:
+        return scan(filter, state, ys, params, inputs=inputs, bind=bind, keep=keep)
+
+    for start in range(0, total, chunk):
+        stop = min(start + chunk, total)
+        pad = start + chunk - stop
+        y = jax.tree.map(lambda a: _pad(a[start:stop], pad, np.nan), ys)
+        u = jax.tree.map(lambda a: _pad(a[start:stop], pad, None), inputs)
+        state, kept = piece(state, y, u, params)
+        yield stop, jax.tree.map(lambda a: np.asarray(a)[: stop - start], kept)
+
+
+def _pad(array: Any, count: int, value: float | None) -> Any:
+    if count == 0:
+        return array
+    fill = array[-1:] if value is None else np.full_like(array[-1:], value)
+    return np.concatenate([array, np.repeat(fill, count, axis=0)])

@@ -1,0 +1,99 @@
+"""The Gaussian measurement update shared by the filters of this room."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import jax.numpy as jnp
+
+from wheelhop.filtering import smallmat
+from wheelhop.filtering.gaussian import Gaussian
+from wheelhop.filtering.interface import Flags, Info, Lower, Named, all_finite
+from wheelhop.filtering.sigma_points import Moments
+
+
+def mask_missing(y: Named, moments: Moments, noise: Lower) -> tuple[tuple, tuple, Lower, list]:
+    """Innovation and its ingredients with the missing entries taken out.
+
+    A missing entry gets innovation 0, no correlation with anything and variance 1, so that
+    the gain, the likelihood and all gradients see the present entries alone.
+
+    Returns:
+        innovation, rows of G, lower triangle of even part + noise, presence of each entry.
+    """
+    present = [jnp.isfinite(v) for v in y]
+    innovation = tuple(
+        jnp.where(p, jnp.where(p, v, 0.0) - m, 0.0)
+        for p, v, m in zip(present, y, moments.mean, strict=True)
+    )
+    odd = tuple(jnp.where(p[None], g, 0.0) for p, g in zip(present, moments.odd, strict=True))
+    residual = smallmat.add(moments.even, noise)
+    residual = tuple(
+        tuple(
+            jnp.where(present[i] & present[j], entry, 1.0 if i == j else 0.0)
+            for j, entry in enumerate(row)
+        )
+        for i, row in enumerate(residual)
+    )
+    return innovation, odd, residual, present
+
+
+def condition(
+    predicted: Gaussian, factor: Lower, moments: Moments, noise: Lower, y: Named, guarded: Any
+) -> tuple[Gaussian, Info]:
+    """Condition a Gaussian on a measurement, without subtracting covariances.
+
+    With P = L L^T, cov(x, y) = L G^T and S = G G^T + E + R the posterior covariance is
+    (L - K G)(L - K G)^T + K (E + R) K^T, a sum of squares.
+
+    Args:
+        predicted: belief before the measurement.
+        factor: Cholesky factor L of its covariance.
+        moments: moments of the observation under it.
+        noise: lower triangle of R.
+        y: measurement; non-finite entries are missing.
+        guarded: whether a guard has acted earlier in this step.
+    """
+    innovation, odd, residual, present = mask_missing(y, moments, noise)
+    innovation_cov = smallmat.add(smallmat.gram(odd), residual)
+    root, guard_acted = smallmat.cholesky(innovation_cov)
+
+    rows = smallmat.rows_of(factor)
+    cross = [[jnp.sum(row * g, 0) for g in odd] for row in rows]
+    gain = [smallmat.solve_lower_transposed(root, smallmat.solve_lower(root, c)) for c in cross]
+    mean = [
+        x + sum(k * r for k, r in zip(gain_row, innovation, strict=True))
+        for x, gain_row in zip(predicted.mean, gain, strict=True)
+    ]
+    noise_root, noise_guarded = smallmat.cholesky(residual)
+    kept = [
+        jnp.concatenate([_reduce(row, gain_row, odd), _spread(gain_row, noise_root)])
+        for row, gain_row in zip(rows, gain, strict=True)
+    ]
+    updated = Gaussian(type(predicted.mean)(*mean), smallmat.gram(kept))
+
+    white = smallmat.solve_lower(root, innovation)
+    nis = sum((w * w for w in white[1:]), white[0] * white[0])
+    count = sum(p.astype(nis.dtype) for p in present)
+    log_likelihood = -0.5 * (nis + smallmat.log_det(root) + math.log(2 * math.pi) * count)
+    flags = Flags(
+        missing=len(present) - sum(p.astype(jnp.int32) for p in present),
+        guarded=guarded | guard_acted | noise_guarded,
+        nonfinite=~all_finite((updated, log_likelihood)),
+    )
+    report = Info(type(y)(*innovation), innovation_cov, log_likelihood, nis, flags)
+    return updated, report
+
+
+def _reduce(row: Any, gain_row: Any, odd: tuple[Any, ...]) -> Any:
+    """Row of L - K G."""
+    return row - sum(k[None] * g for k, g in zip(gain_row, odd, strict=True))
+
+
+def _spread(gain_row: Any, noise_root: Lower) -> Any:
+    """Row of K C for the factor C of the residual covariance E + R."""
+    m = len(noise_root)
+    return jnp.stack(
+        [sum(gain_row[i] * noise_root[i][j] for i in range(j, m)) for j in range(m)]
+    )

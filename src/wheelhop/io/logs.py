@@ -1,0 +1,111 @@
+"""Logs of one corner: t, a_s, a_u, v, with declared units."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wheelhop.errors import InputError
+from wheelhop.io.results import write_table
+from wheelhop.io.tables import Table, read_table
+from wheelhop.io.units import to_si
+from wheelhop.vehicle.record import CornerRecord, checked_record
+
+REQUIRED = {"t": "time", "a_s": "acceleration", "a_u": "acceleration", "v": "speed"}
+OPTIONAL = {"pressure": "pressure"}
+
+LOG_UNITS = {"t": "s", "a_s": "m/s^2", "a_u": "m/s^2", "v": "m/s", "pressure": "Pa"}
+
+
+def read_log(path: Path, declaration: Path | None = None) -> CornerRecord:
+    """Read, convert and check a log.
+
+    Columns t, a_s, a_u, v are required; `pressure`, the true one, is optional. Units stand in
+    the header (`a_s [m/s^2]`) or in a TOML file with `[units]` and, where the log names its
+    columns otherwise, `[columns]`; LOG.toml beside the log is read by itself.
+
+    Args:
+        path: CSV or Parquet file.
+        declaration: TOML file with units and column names.
+
+    Raises:
+        InputError: naming the column or file, what was found, and the remedy.
+    """
+    table = read_table(Path(path))
+    sidecar = Path(path).with_suffix(".toml")
+    if declaration is None and sidecar.is_file():
+        declaration = sidecar
+    units, names = _read_declaration(declaration) if declaration else ({}, {})
+    columns = {
+        field: _column(table, field, quantity, units, names, required=True)
+        for field, quantity in REQUIRED.items()
+    }
+    for field, quantity in OPTIONAL.items():
+        columns[field] = _column(table, field, quantity, units, names, required=False)
+    return checked_record(CornerRecord(**columns))
+
+
+def write_log(path: Path, record: CornerRecord) -> Path:
+    """Write a record as a log that `read_log` reads, with its units declared."""
+    columns: dict[str, Any] = {"t": record.t, "a_s": record.a_s, "a_u": record.a_u, "v": record.v}
+    if record.pressure is not None:
+        columns["pressure"] = record.pressure
+    return write_table(path, columns, LOG_UNITS)
+
+
+def _column(
+    table: Table,
+    field: str,
+    quantity: str,
+    units: dict[str, str],
+    names: dict[str, str],
+    required: bool,
+) -> np.ndarray | None:
+    name = names.get(field, field)
+    if name not in table.columns:
+        if not required and field not in names:
+            return None
+        raise InputError(
+            f"column {name!r}",
+            f"{table.path.name} has only {', '.join(table.columns)}",
+            f"Add the column, or name it in a TOML file: [columns] {field} = \"...\".",
+        )
+    unit = units.get(field) or table.units.get(name)
+    if not unit:
+        raise InputError(
+            f"column {name!r}",
+            f"{table.path.name} declares no unit for it",
+            f"Write the unit in the header, '{name} [{LOG_UNITS[field]}]', or in a TOML file: "
+            f'[units] {field} = "{LOG_UNITS[field]}".',
+        )
+    return table.columns[name] * to_si(f"column {name!r}", quantity, unit)
+
+
+def _read_declaration(path: Path) -> tuple[dict[str, str], dict[str, str]]:
+    content = read_toml(path)
+    known = {*REQUIRED, *OPTIONAL}
+    for section in ("units", "columns"):
+        for field in content.get(section, {}):
+            if field not in known:
+                raise InputError(
+                    f"{path.name} [{section}]", f"{field!r} is no field", f"Use {sorted(known)}."
+                )
+    return content.get("units", {}), content.get("columns", {})
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Content of a TOML file.
+
+    Raises:
+        InputError: if it is missing or not TOML.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(str(path), "there is no such file", "Check the path.")
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(str(path), f"it is not TOML ({error})", "Mend that line.") from error

@@ -1,0 +1,112 @@
+"""A campaign: chunks of vmapped runs, each stored as it ends, resumed where it stopped."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from wheelhop.errors import DivergenceError, InputError
+from wheelhop.io.results import write_atomically, write_json
+from wheelhop.montecarlo.run import RunResult, run_one
+from wheelhop.montecarlo.scenarios import CampaignSettings, validate_settings
+from wheelhop.vehicle.parameters import QuarterCar
+
+CHUNK = 100
+"""Runs in one jitted call: they fit the cache, and an interruption loses one call at most."""
+
+
+def run_campaign(
+    settings: CampaignSettings,
+    car: QuarterCar,
+    store: Path | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> RunResult:
+    """Run a campaign, one jitted call vmapped over runs per chunk.
+
+    Args:
+        settings: of the campaign.
+        car: the corner, in the truth and in the filter.
+        store: directory for finished chunks; a campaign of the same settings found there is
+            resumed, and its finished chunks are not run again.
+        on_progress: called with runs done and in all.
+
+    Returns:
+        Results as NumPy arrays with a leading axis [runs].
+
+    Raises:
+        InputError: for settings out of range, or a store that holds another campaign.
+        DivergenceError: if a run left the finite numbers.
+    """
+    validate_settings(settings)
+    if store is not None:
+        _open_store(Path(store), settings, car)
+    size = min(CHUNK, settings.runs)
+    chunk = jax.jit(jax.vmap(partial(run_one, settings), in_axes=(None, 0)))
+    car = jax.tree.map(lambda a: jnp.asarray(a, float), car)
+    pieces = []
+    for first in range(0, settings.runs, size):
+        count = min(size, settings.runs - first)
+        file = None if store is None else Path(store) / f"runs-{first:07d}.npz"
+        if file is not None and file.is_file():
+            piece = _load(file)
+        else:
+            piece = jax.tree.map(np.asarray, chunk(car, first + jnp.arange(size)))
+            piece = jax.tree.map(lambda a, n=count: a[:n], piece)
+            _raise_if_diverged(piece, first)
+            if file is not None:
+                _save(file, piece)
+        pieces.append(piece)
+        if on_progress is not None:
+            on_progress(first + count, settings.runs)
+    return jax.tree.map(lambda *a: np.concatenate(a), *pieces)
+
+
+def _open_store(store: Path, settings: CampaignSettings, car: QuarterCar) -> None:
+    content = json.loads(
+        json.dumps(
+            {
+                "settings": asdict(settings),
+                "car": jax.tree.map(float, asdict(car)),
+                "precision": str(jnp.zeros(()).dtype),
+            }
+        )
+    )
+    store.mkdir(parents=True, exist_ok=True)
+    file = store / "campaign.json"
+    if file.is_file() and json.loads(file.read_text()) != content:
+        raise InputError(
+            "--out",
+            f"{store} holds finished runs of another campaign",
+            "Give another directory, or remove that one to start afresh.",
+        )
+    write_json(file, content)
+
+
+def _save(file: Path, piece: RunResult) -> None:
+    def write(path: Path) -> None:
+        with path.open("wb") as stream:
+            np.savez(stream, **piece._asdict())
+
+    write_atomically(file, write)
+
+
+def _load(file: Path) -> RunResult:
+    with np.load(file) as content:
+        return RunResult(**{name: content[name] for name in RunResult._fields})
+
+
+def _raise_if_diverged(piece: Any, first: int) -> None:
+    bad = np.flatnonzero(piece.nonfinite)
+    if bad.size:
+        raise DivergenceError(
+            f"{bad.size} runs left the finite numbers, the first is run {first + bad[0]}; "
+            "raise the accelerometer noise in the tuning, or run in float64"
+        )

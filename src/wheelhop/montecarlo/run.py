@@ -1,0 +1,124 @@
+"""One Monte Carlo run, a pure function: draw, simulate, measure, filter, compare."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from wheelhop.estimators.immuf import (
+    CornerState,
+    bind_speed,
+    immuf,
+    immuf_params,
+    prior,
+)
+from wheelhop.evaluation.consistency import nees
+from wheelhop.filtering import drive, standard_deviation
+from wheelhop.montecarlo.scenarios import CampaignSettings, draw_scenario
+from wheelhop.vehicle.parameters import QuarterCar
+from wheelhop.vehicle.quarter_car import Accelerations, RelativeState, simulate
+from wheelhop.vehicle.scenario import road_rise_of_class
+from wheelhop.vehicle.sensors import Sensor, measure
+from wheelhop.vehicle.tire import pressure_slope, stiffness_from_pressure
+
+REPORT_RATE = 50.0
+"""Rate [Hz] at which errors are kept."""
+
+
+class RunResult(NamedTuple):
+    """Truth of a run, and its errors over time (entries [time], thinned).
+
+    Attributes:
+        pressure: true pressure [Pa].
+        speed: v [m/s].
+        road_class: index of the true class.
+        level: Gd(W0) of the road [m^3/rad].
+        error: pressure error, estimate minus truth [Pa].
+        sigma: the filter's standard deviation of it [Pa].
+        nees: of the whole state; chi-square(5) if consistent.
+        nees_stiffness: of ln k_t alone; chi-square(1) if consistent.
+        true_class_probability: probability the filter gives the true class.
+        nis: normalised innovation squared averaged over the reporting interval.
+        nonfinite: True where a step left the finite numbers.
+    """
+
+    pressure: Any
+    speed: Any
+    road_class: Any
+    level: Any
+    error: Any
+    sigma: Any
+    nees: Any
+    nees_stiffness: Any
+    true_class_probability: Any
+    nis: Any
+    nonfinite: Any
+
+
+def report_stride(settings: CampaignSettings) -> int:
+    """Samples between two reported ones."""
+    return max(1, int(round(settings.rate / REPORT_RATE)))
+
+
+def run_one(settings: CampaignSettings, car: QuarterCar, run: Any) -> RunResult:
+    """Run number `run` of a campaign; vmap over it.
+
+    The true motion starts from a draw of the filter's prior, so that the filter's prior is
+    the truth's distribution; the pressure is uniform where the prior is Gaussian.
+    """
+    scenario = draw_scenario(settings, run)
+    dt = 1.0 / settings.rate
+    samples = int(round(settings.duration * settings.rate))
+    stiffness = stiffness_from_pressure(scenario.pressure, car.tire)
+    belief = prior(car, settings.tuning)
+    start = RelativeState(
+        *(s * n for s, n in zip(standard_deviation(belief)[:4], scenario.motion, strict=True))
+    )
+    road_key, body_key, wheel_key = jax.random.split(scenario.key, 3)
+    travel = jnp.full((samples, settings.substeps), scenario.speed * dt / settings.substeps)
+    rise = road_rise_of_class(road_key, scenario.level, travel, settings.convention)
+    truth = simulate(start, stiffness, rise, dt, car)
+    sensor = Sensor(noise=settings.noise)
+    ys = Accelerations(
+        measure(body_key, truth.accelerations.a_s, sensor),
+        measure(wheel_key, truth.accelerations.a_u, sensor),
+    )
+
+    filter = immuf(dt)
+    params = immuf_params(car, 1.0, dt, settings.tuning, settings.classes)
+    params = bind_speed(params, scenario.speed)
+    trajectory = drive.run(
+        filter,
+        filter.init(belief, params),
+        ys,
+        params,
+        keep=lambda state, info: (
+            state.combined,
+            jnp.exp(state.log_probabilities[scenario.road_class]),
+            info.nis,
+            info.flags.nonfinite,
+        ),
+    )
+    combined, probability, nis, nonfinite = trajectory
+    ln_k_t = jnp.full((samples,), jnp.log(stiffness))
+    full = nees(combined, CornerState(*truth.state, ln_k_t))
+    ln_error = combined.mean.ln_k_t - ln_k_t
+    estimate = jnp.exp(combined.mean.ln_k_t)
+    slope = pressure_slope(car.tire)
+    every = report_stride(settings)
+    thin = slice(every - 1, None, every)
+    return RunResult(
+        pressure=scenario.pressure,
+        speed=scenario.speed,
+        road_class=scenario.road_class,
+        level=scenario.level,
+        error=(slope * (estimate - stiffness))[thin],
+        sigma=(slope * estimate * jnp.sqrt(combined.cov[4][4]))[thin],
+        nees=full[thin],
+        nees_stiffness=(ln_error**2 / combined.cov[4][4])[thin],
+        true_class_probability=probability[thin],
+        nis=jnp.mean(nis[: samples // every * every].reshape(-1, every), axis=1),
+        nonfinite=jnp.any(nonfinite),
+    )

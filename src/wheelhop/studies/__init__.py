@@ -1,0 +1,1 @@
+"""One file a study: what it reports, as data and figures."""

@@ -1,0 +1,1 @@
+"""Physics of the vehicle and the road; knows nothing of filters."""
