@@ -15,7 +15,7 @@ from wheelhop.cli.vehicle import vehicle
 
 app = typer.Typer(
     no_args_is_help=True,
-    rich_markup_mode="rich",
+    rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     help="Tyre pressure from accelerometers: simulate, estimate, validate.",
 )

@@ -22,25 +22,33 @@ from wheelhop.cli.session import (
     say_files,
 )
 from wheelhop.cli.vehicle import DEFAULT_VEHICLE, VehicleFile, load_vehicle
+from wheelhop.errors import InputError
 from wheelhop.estimators.estimate import PressureEstimate, estimate_pressure
-from wheelhop.estimators.immuf import Tuning, validate_tuning
+from wheelhop.estimators.immuf import ROAD_CLASSES, Tuning, validate_tuning
 from wheelhop.evaluation.summary import summarise_estimate
 from wheelhop.io.logs import read_log, write_log
 from wheelhop.io.results import output_directory, write_figure, write_json, write_table
 from wheelhop.plots import plot_estimate
 from wheelhop.studies.first_light import FirstLight, run_first_light
 from wheelhop.vehicle.record import CornerRecord
+from wheelhop.vehicle.road import class_level
 
 _TABLE_ROWS = 10
+_MODE_WINDOW = 0.5
+_WORST_NIS_RATIO = 1.2
+_PLAUSIBLE_PRESSURE = (50e3, 1.2e6)
 
 
 @command
 def estimate(
     log: Annotated[Path, typer.Argument(help="CSV or Parquet: t, a_s, a_u, v with units.")],
     vehicle: VehicleFile = None,
+    classes: Annotated[
+        str, typer.Option(help="ISO 8608 classes of the members, as letters.")
+    ] = "".join(ROAD_CLASSES),
     units: Annotated[
         Path | None,
-        typer.Option(help="TOML with \\[units] and \\[columns]; default LOG.toml if there."),
+        typer.Option(help="TOML with [units] and [columns]; default LOG.toml if there."),
     ] = None,
     noise: Annotated[float, typer.Option(help="Accelerometer noise [m/s^2].")] = 0.5,
     walk: Annotated[
@@ -57,13 +65,22 @@ def estimate(
 
     Example: wheelhop estimate drive.csv --vehicle front.toml --out result
     """
+    members = road_classes(classes)
     with computing(precision):
         record = read_log(log, units)
         car, name = load_vehicle(vehicle)
         tuning = validate_tuning(Tuning(noise_a_s=noise, noise_a_u=noise, stiffness_walk=walk))
         with progress_bar("filtering", "samples") as advance:
-            result = estimate_pressure(record, car, tuning=tuning, on_progress=advance)
-    settings = {"log": str(log), "vehicle": name, "tuning": asdict(tuning), "seed": seed}
+            result = estimate_pressure(
+                record, car, tuning=tuning, classes=members, on_progress=advance
+            )
+    settings = {
+        "log": str(log),
+        "vehicle": name,
+        "classes": members,
+        "tuning": asdict(tuning),
+        "seed": seed,
+    }
     _report(
         result, record, tuning, out, provenance("estimate", precision, **settings), Path(log).name
     )
@@ -90,6 +107,20 @@ def demo(
     )
     title = f"A tyre that leaks from 230 to 180 kPa, class {road} road, 60 km/h"
     _report(result, record, tuning, out, made_by, title, log_too=True)
+
+
+def road_classes(letters: str) -> tuple[str, ...]:
+    """Classes of the members, from letters as "ABCD".
+
+    Raises:
+        InputError: if one is unknown or given twice, or none is given.
+    """
+    members = tuple(letters.replace(",", "").upper())
+    if not members or len(set(members)) != len(members):
+        raise InputError("--classes", f"{letters!r}", "Give each class once, as ABCD.")
+    for member in members:
+        class_level(member)
+    return members
 
 
 def _report(
@@ -141,16 +172,17 @@ def _result_table(result: PressureEstimate, record: CornerRecord) -> Table:
         table.add_column(heading)
     for column in table.columns:
         column.justify = "right"
-    mode = result.most_probable_mode
+    window = max(1, round(_MODE_WINDOW / record.dt))
     rows = np.unique(np.linspace(0, len(result.t) - 1, _TABLE_ROWS + 1).round().astype(int)[1:])
     for k in rows:
+        share = result.mode_probabilities[max(0, k + 1 - window) : k + 1].mean(axis=0)
         true = [f"{record.pressure[k] / 1e3:.1f}"] if record.pressure is not None else []
         table.add_row(
             f"{result.t[k]:.2f}",
             *true,
             f"{result.pressure[k] / 1e3:.1f}",
             f"{result.pressure_sigma[k] / 1e3:.1f}",
-            f"{mode[k]} ({result.mode_probabilities[k].max():.0%})",
+            f"{result.modes[int(np.argmax(share))]} ({share.max():.0%})",
         )
     return table
 
@@ -162,6 +194,14 @@ def _verdict(summary: dict[str, Any]) -> list[str]:
         f"innovations: mean NIS {summary['mean_nis']:.2f} "
         f"(a filter whose model fits: {low:.2f} to {high:.2f})"
     ]
+    if summary["mean_nis"] > _WORST_NIS_RATIO * high:
+        lines.append(
+            "the innovations are larger than any member expects: the road is rougher than the "
+            "classes (see --classes), or the vehicle's parameters are wrong"
+        )
+    low_p, high_p = _PLAUSIBLE_PRESSURE
+    if not low_p < summary["final_pressure_Pa"] < high_p:
+        lines.append("the estimate is not a plausible tyre pressure: do not use it")
     truth = summary.get("against_truth")
     if truth is None:
         lines.append("the log holds no true pressure, so the error is not known")
@@ -177,5 +217,3 @@ def _verdict(summary: dict[str, Any]) -> list[str]:
             "the stated sigma is too small here: this filter is overconfident (README, limits)"
         )
     return lines
-
-

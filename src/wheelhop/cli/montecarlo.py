@@ -128,7 +128,7 @@ def _table(t: np.ndarray, result: RunResult, statistics: ErrorStatistics) -> Tab
     for column in table.columns:
         column.justify = "right"
     for share in (0.05, 0.1, 0.2, 0.5, 1.0):
-        k = max(0, int(round(share * len(t))) - 1)
+        k = max(0, round(share * len(t)) - 1)
         table.add_row(
             f"{t[k]:.2f}",
             f"{statistics.mean[k] / 1e3:.1f}",
@@ -155,9 +155,7 @@ def _write(
         "nees_stiffness_mean": result.nees_stiffness.mean(axis=0),
         "true_class_probability_mean": result.true_class_probability.mean(axis=0),
     }
-    units = {"t": "s"} | {
-        n: "Pa" for n in ("error_mean", "error_std", "error_rms", "sigma_mean")
-    }
+    units = {"t": "s"} | dict.fromkeys(("error_mean", "error_std", "error_rms", "sigma_mean"), "Pa")
     write_table(directory / "montecarlo.parquet", over_time, units)
     per_run = {
         "pressure": result.pressure,

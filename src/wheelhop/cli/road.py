@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 from rich.table import Table
@@ -14,6 +15,8 @@ from wheelhop.io.results import output_directory, write_figure, write_json, writ
 from wheelhop.io.roads import read_road
 from wheelhop.plots import plot_road
 from wheelhop.vehicle.road import fit_iso8608, iri, profile_psd
+
+Result = TypeVar("Result")
 
 
 @command
@@ -72,7 +75,7 @@ def road(
     say_files(directory, "road.png", "psd.parquet", "summary.json")
 
 
-def _or_none(compute, what: str):
+def _or_none(compute: Callable[[], Result], what: str) -> Result | None:
     """The figure, or None and a word why where the road does not hold it."""
     try:
         return compute()

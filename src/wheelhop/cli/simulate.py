@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import jax
 import jax.numpy as jnp
@@ -136,18 +136,22 @@ def simulate(
         f"body {results['rms_a_s_m_per_s2']:.2f} m/s^2, wheel "
         f"{results['rms_a_u_m_per_s2']:.2f} m/s^2"
     )
-    console.print(
-        f"wrote {log}, {log.with_suffix('.png').name} and {summary.name}", soft_wrap=True
-    )
+    console.print(f"wrote {log}, {log.with_suffix('.png').name} and {summary.name}", soft_wrap=True)
 
 
 def _random_road(
-    key, road_class: str, speed: float, duration: float, rate: float, waviness, convention: str
-):
+    key: Any,
+    road_class: str,
+    speed: float,
+    duration: float,
+    rate: float,
+    waviness: float | None,
+    convention: str,
+) -> Any:
     """Rise per fine step of an ISO road: exact shape filter, or spectral for any waviness."""
     level = class_level(road_class)
     if waviness is None:
-        samples = int(round(duration * rate))
+        samples = round(duration * rate)
         travel = jnp.full((samples, SUBSTEPS), speed / (rate * SUBSTEPS))
         return road_rise_of_class(key, level, travel, convention)
     require_in_range("--waviness", waviness, 1.0, 4.0, "(no unit)")
@@ -160,7 +164,7 @@ def _random_road(
 
 def _measured_road(
     profile: Profile, speed: float, duration: float, rate: float, reflect: bool, once: float
-):
+) -> np.ndarray:
     if duration > once * (1 + 1e-9) and not reflect:
         raise InputError(
             "--duration",

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from wheelhop.errors import DivergenceError
@@ -19,7 +18,7 @@ from wheelhop.estimators.immuf import (
     immuf_params,
     prior,
 )
-from wheelhop.filtering import InteractingState, Info, drive
+from wheelhop.filtering import Info, InteractingState, drive
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.quarter_car import Accelerations
 from wheelhop.vehicle.record import CornerRecord
@@ -55,11 +54,6 @@ class PressureEstimate:
     nis: np.ndarray
     missing: np.ndarray
     guarded: np.ndarray
-
-    @property
-    def most_probable_mode(self) -> np.ndarray:
-        """Name of the most probable road class at every time."""
-        return np.asarray(self.modes)[np.argmax(self.mode_probabilities, axis=1)]
 
 
 class _Kept(NamedTuple):
@@ -114,7 +108,7 @@ def estimate_pressure(
         keep=_keep,
     ):
         pieces.append(kept)
-        _raise_if_diverged(kept, record.t[: done][-len(kept.nis) :])
+        _raise_if_diverged(kept, record.t[:done][-len(kept.nis) :])
         if on_progress is not None:
             on_progress(done, len(record.t))
     all_kept: _Kept = jax.tree.map(lambda *a: np.concatenate(a), *pieces)

@@ -136,14 +136,20 @@ def run_in_chunks(
     for start in range(0, total, chunk):
         stop = min(start + chunk, total)
         pad = start + chunk - stop
-        y = jax.tree.map(lambda a: _pad(a[start:stop], pad, np.nan), ys)
-        u = jax.tree.map(lambda a: _pad(a[start:stop], pad, None), inputs)
+        y = _cut(ys, start, stop, pad, np.nan)
+        u = _cut(inputs, start, stop, pad, None)
         state, kept = piece(state, y, u, params)
-        yield stop, jax.tree.map(lambda a: np.asarray(a)[: stop - start], kept)
+        yield stop, _cut(jax.tree.map(np.asarray, kept), 0, stop - start, 0, None)
 
 
-def _pad(array: Any, count: int, value: float | None) -> Any:
-    if count == 0:
-        return array
-    fill = array[-1:] if value is None else np.full_like(array[-1:], value)
-    return np.concatenate([array, np.repeat(fill, count, axis=0)])
+def _cut(tree: Any, start: int, stop: int, pad: int, value: float | None) -> Any:
+    """Rows start to stop of every leaf, then `pad` rows of `value` (None: the last row)."""
+
+    def leaf(array: Any) -> Any:
+        rows = array[start:stop]
+        if pad == 0:
+            return rows
+        fill = rows[-1:] if value is None else np.full_like(rows[-1:], value)
+        return np.concatenate([rows, np.repeat(fill, pad, axis=0)])
+
+    return jax.tree.map(leaf, tree)

@@ -126,6 +126,4 @@ def rows_of(factor: Lower) -> tuple[Array, ...]:
     """Rows of a triangular factor as arrays with the columns on a leading axis [n, ...]."""
     n = len(factor)
     zero = jnp.zeros_like(factor[0][0])
-    return tuple(
-        jnp.stack([factor[i][j] if j <= i else zero for j in range(n)]) for i in range(n)
-    )
+    return tuple(jnp.stack([factor[i][j] if j <= i else zero for j in range(n)]) for i in range(n))

@@ -94,6 +94,4 @@ def _reduce(row: Any, gain_row: Any, odd: tuple[Any, ...]) -> Any:
 def _spread(gain_row: Any, noise_root: Lower) -> Any:
     """Row of K C for the factor C of the residual covariance E + R."""
     m = len(noise_root)
-    return jnp.stack(
-        [sum(gain_row[i] * noise_root[i][j] for i in range(j, m)) for j in range(m)]
-    )
+    return jnp.stack([sum(gain_row[i] * noise_root[i][j] for i in range(j, m)) for j in range(m)])

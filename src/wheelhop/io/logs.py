@@ -40,11 +40,10 @@ def read_log(path: Path, declaration: Path | None = None) -> CornerRecord:
         declaration = sidecar
     units, names = _read_declaration(declaration) if declaration else ({}, {})
     columns = {
-        field: _column(table, field, quantity, units, names, required=True)
-        for field, quantity in REQUIRED.items()
+        field: _column(table, field, quantity, units, names)
+        for field, quantity in (REQUIRED | OPTIONAL).items()
+        if field in REQUIRED or field in names or field in table.columns
     }
-    for field, quantity in OPTIONAL.items():
-        columns[field] = _column(table, field, quantity, units, names, required=False)
     return checked_record(CornerRecord(**columns))
 
 
@@ -62,16 +61,13 @@ def _column(
     quantity: str,
     units: dict[str, str],
     names: dict[str, str],
-    required: bool,
-) -> np.ndarray | None:
+) -> np.ndarray:
     name = names.get(field, field)
     if name not in table.columns:
-        if not required and field not in names:
-            return None
         raise InputError(
             f"column {name!r}",
             f"{table.path.name} has only {', '.join(table.columns)}",
-            f"Add the column, or name it in a TOML file: [columns] {field} = \"...\".",
+            f'Add the column, or name it in a TOML file: [columns] {field} = "...".',
         )
     unit = units.get(field) or table.units.get(name)
     if not unit:

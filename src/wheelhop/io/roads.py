@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from wheelhop.errors import InputError
 from wheelhop.io.tables import Table, read_table
 from wheelhop.io.units import to_si
@@ -60,6 +62,6 @@ def default_track(table: Table, x_name: str = "x_m") -> str:
     return names[len(names) // 2]
 
 
-def _metres(table: Table, name: str):
+def _metres(table: Table, name: str) -> np.ndarray:
     unit = table.units.get(name, "m")
     return table.columns[name] * to_si(f"column {name!r}", "length", unit)

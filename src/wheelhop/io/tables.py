@@ -53,7 +53,9 @@ def _read_csv(path: Path) -> Table:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             lines = [(i, line) for i, line in enumerate(stream, 1) if _is_content(line)]
     except UnicodeDecodeError as error:
-        raise InputError(str(path), "it is not a text file", "Export it as CSV in UTF-8.") from error
+        raise InputError(
+            str(path), "it is not a text file", "Export it as CSV in UTF-8."
+        ) from error
     if len(lines) < 2:
         raise InputError(str(path), "it has no data rows", "Give a header row and data rows.")
     rows = list(csv.reader(line for _, line in lines))

@@ -59,7 +59,7 @@ class RunResult(NamedTuple):
 
 def report_stride(settings: CampaignSettings) -> int:
     """Samples between two reported ones."""
-    return max(1, int(round(settings.rate / REPORT_RATE)))
+    return max(1, round(settings.rate / REPORT_RATE))
 
 
 def run_one(settings: CampaignSettings, car: QuarterCar, run: Any) -> RunResult:
@@ -70,7 +70,7 @@ def run_one(settings: CampaignSettings, car: QuarterCar, run: Any) -> RunResult:
     """
     scenario = draw_scenario(settings, run)
     dt = 1.0 / settings.rate
-    samples = int(round(settings.duration * settings.rate))
+    samples = round(settings.duration * settings.rate)
     stiffness = stiffness_from_pressure(scenario.pressure, car.tire)
     belief = prior(car, settings.tuning)
     start = RelativeState(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.ndimage import uniform_filter1d
 
 from wheelhop.estimators.estimate import PressureEstimate
 from wheelhop.evaluation.consistency import mean_band
@@ -21,6 +22,7 @@ from wheelhop.plots.style import (
 from wheelhop.vehicle.record import CornerRecord
 
 _CONSISTENCY_WINDOW = 1.0
+_PROBABILITY_WINDOW = 0.25
 
 
 def plot_estimate(
@@ -52,15 +54,18 @@ def plot_estimate(
     top.set_title(title or "Tyre pressure from two accelerometers", loc="left", fontsize=11)
     legend(top, ncols=4, loc="best")
 
+    dt = float(np.median(np.diff(t)))
+    window = _samples(_PROBABILITY_WINDOW, dt, len(t))
+    share = np.stack([moving_average(p, window) for p in estimate.mode_probabilities.T])
     middle.stackplot(
         t,
-        estimate.mode_probabilities.T,
+        share,
         colors=[CLASS_COLOURS.get(m, MUTED) for m in estimate.modes],
         labels=[f"class {m}" for m in estimate.modes],
         alpha=0.85,
     )
     middle.set_ylim(0, 1)
-    middle.set_ylabel("road class\nprobability [-]")
+    middle.set_ylabel(f"road class\nprobability [-]\n(mean over {window * dt:.2g} s)")
     legend(middle, ncols=len(estimate.modes), loc="lower right")
 
     _plot_nis(bottom, estimate)
@@ -68,21 +73,32 @@ def plot_estimate(
     return figure
 
 
-def _plot_nis(ax, estimate: PressureEstimate) -> None:
+def _plot_nis(ax: Any, estimate: PressureEstimate) -> None:
     """Moving average of the NIS of fully measured samples against its 95 % band."""
     t = estimate.t
     dt = float(np.median(np.diff(t)))
-    window = max(1, min(int(round(_CONSISTENCY_WINDOW / dt)), len(t)))
+    window = _samples(_CONSISTENCY_WINDOW, dt, len(t))
     low, high = mean_band(2, window)
-    complete = (estimate.missing == 0).astype(float)
-    weight = uniform_filter1d(complete, window, mode="nearest")
-    total = uniform_filter1d(estimate.nis * complete, window, mode="nearest")
-    average = np.divide(total, weight, out=np.full_like(total, np.nan), where=weight > 0.5)
+    average = moving_average(np.where(estimate.missing == 0, estimate.nis, np.nan), window)
     ax.axhspan(low, high, color=BAND, alpha=0.5, label="95 % band of a consistent filter")
     ax.plot(t, average, color=ALERT, linewidth=1.2, label=f"mean over {window * dt:.2g} s")
     ax.set_ylabel("innovation\nNIS [-]")
-    ax.set_ylim(0, max(4.0, 1.1 * np.nanmax(average)) if np.isfinite(average).any() else 4.0)
-    legend(ax, ncols=2, loc="best")
+    top = np.nanmax(average) if np.isfinite(average).any() else 0.0
+    ax.set_ylim(0, max(4.0, 1.3 * top))
+    legend(ax, ncols=2, loc="upper right")
+
+
+def moving_average(values: np.ndarray, window: int) -> np.ndarray:
+    """Centred mean over up to `window` finite samples, shorter at the ends, [time]."""
+    finite = np.isfinite(values)
+    kernel = np.ones(window)
+    total = np.convolve(np.where(finite, values, 0.0), kernel, mode="same")
+    count = np.convolve(finite.astype(float), kernel, mode="same")
+    return np.divide(total, count, out=np.full(len(values), np.nan), where=count > 0.25 * window)
+
+
+def _samples(seconds: float, dt: float, most: int) -> int:
+    return max(1, min(round(seconds / dt), most))
 
 
 def plot_log(record: CornerRecord, title: str = "") -> Figure:

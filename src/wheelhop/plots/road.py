@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -28,9 +26,15 @@ def plot_road(profile: Profile, spectrum: Spectrum, fit: RoadFit | None, title: 
         title: headline of the figure.
     """
     figure, (top, bottom) = new_figure(2, height=3.4, height_ratios=[1, 1.8])
-    top.plot(profile.distance, 1e3 * profile.elevation, color=ESTIMATE, linewidth=0.8)
+    small = np.ptp(profile.elevation) < 0.5
+    top.plot(
+        profile.distance,
+        profile.elevation * (1e3 if small else 1.0),
+        color=ESTIMATE,
+        linewidth=0.8,
+    )
     top.set_xlabel("distance [m]")
-    top.set_ylabel("elevation [mm]")
+    top.set_ylabel("elevation [mm]" if small else "elevation [m]")
     top.set_title(title or "Road profile", loc="left", fontsize=11)
 
     n = np.array([spectrum.frequency[0], spectrum.frequency[-1]])
@@ -38,15 +42,16 @@ def plot_road(profile: Profile, spectrum: Spectrum, fit: RoadFit | None, title: 
         lower = displacement_psd_cycles(n, 0.5 * class_level(name))
         upper = displacement_psd_cycles(n, 2.0 * class_level(name))
         bottom.fill_between(n, lower, upper, color=CLASS_COLOURS[name], alpha=0.16, linewidth=0)
-        middle = math.sqrt(n[0] * n[1])
+        place = n[1] / (n[1] / n[0]) ** 0.03
         bottom.text(
-            middle,
-            displacement_psd_cycles(middle, class_level(name)),
+            place,
+            displacement_psd_cycles(place, class_level(name)),
             name,
             ha="center",
             va="center",
             color=CLASS_COLOURS[name],
             fontweight="bold",
+            clip_on=True,
         )
     bottom.loglog(spectrum.frequency, spectrum.density, color=MUTED, linewidth=0.7, label="PSD")
     low_limit, high_limit = spectrum.density.min(), spectrum.density.max()
@@ -64,6 +69,4 @@ def plot_road(profile: Profile, spectrum: Spectrum, fit: RoadFit | None, title: 
     bottom.set_xlabel("spatial frequency [cycles/m]")
     bottom.set_ylabel("displacement PSD [m³]")
     legend(bottom, loc="lower left")
-    for label in bottom.texts:
-        label.set_clip_on(True)
     return figure

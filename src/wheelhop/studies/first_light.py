@@ -15,6 +15,8 @@ from wheelhop.vehicle.record import CornerRecord, checked_record
 from wheelhop.vehicle.road import class_level
 from wheelhop.vehicle.scenario import RATE, SUBSTEPS, Leak, drive, road_rise_of_class
 
+LEAK = Leak(start=230e3, end=180e3, begin=6.0, finish=12.0)
+
 
 @dataclass(frozen=True)
 class FirstLight:
@@ -31,14 +33,14 @@ class FirstLight:
     road_class: str = "B"
     speed: float = 60.0 / 3.6
     duration: float = 20.0
-    leak: Leak = Leak(start=230e3, end=180e3, begin=6.0, finish=12.0)
+    leak: Leak = LEAK
     seed: int = 0
 
 
 def simulate_first_light(settings: FirstLight, car: QuarterCar) -> CornerRecord:
     """The log of the drive."""
     road_key, sensor_key = jax.random.split(jax.random.key(settings.seed))
-    samples = int(round(settings.duration * RATE))
+    samples = round(settings.duration * RATE)
     travel = jnp.full((samples, SUBSTEPS), settings.speed / (RATE * SUBSTEPS))
     rise = road_rise_of_class(road_key, class_level(settings.road_class), travel)
     record, _ = drive(sensor_key, car, rise, settings.leak, settings.speed)

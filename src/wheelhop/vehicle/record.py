@@ -118,9 +118,7 @@ def _on_uniform_grid(record: CornerRecord) -> CornerRecord:
         worst_percent = 100 * np.max(off_grid)
         _warn("t", f"time jitters by up to {worst_percent:.2g} % of the interval; taken as even.")
 
-    def spread(values: np.ndarray | None) -> np.ndarray | None:
-        if values is None:
-            return None
+    def spread(values: np.ndarray) -> np.ndarray:
         grid = np.full(count, np.nan)
         grid[index] = values
         return grid
@@ -136,7 +134,7 @@ def _on_uniform_grid(record: CornerRecord) -> CornerRecord:
         a_s=spread(record.a_s),
         a_u=spread(record.a_u),
         v=np.interp(uniform, t[known], record.v[known]),
-        pressure=spread(record.pressure),
+        pressure=None if record.pressure is None else spread(record.pressure),
     )
 
 
@@ -162,7 +160,9 @@ def _check_speed(record: CornerRecord) -> None:
         )
     slow = float(np.mean(v < _CRAWLING))
     if slow > 0:
-        _warn("v", f"{100 * slow:.3g} % of the log is slower than {_CRAWLING:g} m/s and says little.")
+        _warn(
+            "v", f"{100 * slow:.3g} % of the log is slower than {_CRAWLING:g} m/s and says little."
+        )
 
 
 def _checked_channel(name: str, values: np.ndarray, dt: float) -> np.ndarray:
@@ -182,7 +182,7 @@ def _checked_channel(name: str, values: np.ndarray, dt: float) -> np.ndarray:
             f"it is constant at {values[present][0]:g} m/s^2: the channel is stuck",
             "Check the sensor and give a log in which it works.",
         )
-    stuck = _stuck_samples(values, max(3, int(round(_STUCK_TIME / dt))))
+    stuck = _stuck_samples(values, max(3, round(_STUCK_TIME / dt)))
     if stuck.any():
         _warn(
             name,

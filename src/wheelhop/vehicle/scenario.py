@@ -44,7 +44,9 @@ class Leak:
 
     def at(self, t: np.ndarray) -> np.ndarray:
         """Pressure [Pa] at times [s]."""
-        return np.interp(t, [self.begin, max(self.finish, self.begin + 1e-9)], [self.start, self.end])
+        return np.interp(
+            t, [self.begin, max(self.finish, self.begin + 1e-9)], [self.start, self.end]
+        )
 
 
 def constant_pressure(pressure: float) -> Leak:
@@ -70,7 +72,7 @@ def road_rise_from_profile(
         substeps: simulation steps per sample.
         reflect: continue a road that is too short there and back.
     """
-    samples = int(round(duration * rate))
+    samples = round(duration * rate)
     x = speed * np.arange(samples * substeps + 1) / (rate * substeps)
     return np.diff(elevation_at(profile, x, reflect)).reshape(samples, substeps)
 

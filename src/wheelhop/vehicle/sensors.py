@@ -34,9 +34,7 @@ DATASHEET_ACCELEROMETER = Sensor(noise=0.5)
 """0.5 m/s^2 of white noise: Brancati & Tufano 2022, section 5.3."""
 
 
-def measure(
-    key: Array, signal: Float[Array, " time"], sensor: Sensor
-) -> Float[Array, " time"]:
+def measure(key: Array, signal: Float[Array, " time"], sensor: Sensor) -> Float[Array, " time"]:
     """What the sensor reports of a signal.
 
     Args:

@@ -53,7 +53,7 @@ def rectified_slope(profile: Profile, moving_average: bool = True) -> np.ndarray
             f"The roughness index needs at least {_LEAD_IN:g} m of road.",
         )
     z = profile.elevation
-    width = int(round(_BASE_LENGTH / profile.spacing))
+    width = round(_BASE_LENGTH / profile.spacing)
     if moving_average and width > 1:
         padded = np.pad(z, (width // 2, (width - 1) // 2), mode="edge")
         z = np.convolve(padded, np.full(width, 1.0 / width), mode="valid")
@@ -65,7 +65,7 @@ def rectified_slope(profile: Profile, moving_average: bool = True) -> np.ndarray
     step = expm(augmented * profile.spacing / SPEED)
     transition, drive = step[:4, :4], step[:4, 4]
 
-    lead = slope[: max(1, int(round(_LEAD_IN / profile.spacing)))].mean()
+    lead = slope[: max(1, round(_LEAD_IN / profile.spacing))].mean()
     x = np.array([lead, 0.0, lead, 0.0])
     result = np.empty(len(slope))
     for k, s in enumerate(slope):
@@ -79,11 +79,9 @@ def iri(profile: Profile, moving_average: bool = True) -> float:
     return 1e3 * float(np.mean(rectified_slope(profile, moving_average)))
 
 
-def iri_segments(
-    profile: Profile, length: float = 20.0, moving_average: bool = True
-) -> np.ndarray:
+def iri_segments(profile: Profile, length: float = 20.0, moving_average: bool = True) -> np.ndarray:
     """Roughness index [m/km] of consecutive segments of a length [m], one continuous drive."""
     slope = rectified_slope(profile, moving_average)
-    per = int(round(length / profile.spacing))
+    per = round(length / profile.spacing)
     count = len(slope) // per
     return 1e3 * slope[: count * per].reshape(count, per).mean(axis=1)

@@ -63,7 +63,7 @@ def profile_psd(profile: Profile, segment: float = _SEGMENT) -> Spectrum:
         profile: the road.
         segment: window length [m], cut to the road's length.
     """
-    points = min(len(profile.elevation), max(8, int(round(segment / profile.spacing))))
+    points = min(len(profile.elevation), max(8, round(segment / profile.spacing)))
     frequency, density = welch(
         profile.elevation, fs=1.0 / profile.spacing, nperseg=points, detrend="linear"
     )

@@ -44,7 +44,7 @@ def synthesise(
     Raises:
         InputError: if length, spacing and band do not hold a single frequency.
     """
-    points = int(round(length / spacing))
+    points = round(length / spacing)
     low, high = band
     step = 1.0 / (points * spacing) if points > 0 else float("inf")
     if points < 4 or step > min(high, 0.5 / spacing):
