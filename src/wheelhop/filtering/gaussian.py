@@ -68,9 +68,10 @@ def moment_match(weights: Any, stacked: Gaussian) -> Gaussian:
         stacked: components on a leading axis, entries [m].
     """
     used = weights > 0
+    stacked = jax.tree.map(lambda entries: jnp.where(used, entries, 0.0), stacked)
 
     def average(entries: Any) -> Any:
-        return jnp.sum(weights * jnp.where(used, entries, 0.0), 0)
+        return jnp.sum(weights * entries, 0)
 
     mean = tuple(average(x) for x in stacked.mean)
     spread = [x - m[None] for x, m in zip(stacked.mean, mean, strict=True)]

@@ -1,0 +1,33 @@
+"""Strict settings for every test: float64, no silent promotion, warnings are errors."""
+
+import os
+from pathlib import Path
+
+import jax
+import pytest
+from jaxtyping import install_import_hook
+
+install_import_hook("wheelhop", "beartype.beartype")
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_compilation_cache_dir", os.environ.get("WHEELHOP_CACHE", "/tmp/wheelhop"))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+DATA = Path(os.environ.get("WHEELHOP_DATA", REPOSITORY.parent / "shared" / "data"))
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """The measured roads and tyres, which the package does not ship."""
+    if not DATA.is_dir():
+        pytest.skip(f"no measured data at {DATA}; set WHEELHOP_DATA")
+    return DATA
+
+
+@pytest.fixture
+def float32():
+    """Run a test in JAX's default precision."""
+    with jax.enable_x64(False):
+        yield

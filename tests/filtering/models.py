@@ -1,0 +1,80 @@
+"""State-space models for tests, and a NumPy Kalman filter that shares no code with wheelhop."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from wheelhop.filtering import StateSpaceModel
+
+
+class Track(NamedTuple):
+    position: Any
+    velocity: Any
+    bias: Any
+
+
+class Sensors(NamedTuple):
+    a: Any
+    b: Any
+
+
+F = np.array([[1.0, 0.1, 0.0], [-0.2, 0.97, 0.05], [0.0, 0.0, 0.99]])
+H = np.array([[1.0, 0.0, 0.3], [0.0, 1.0, -1.0]])
+Q = np.outer([0.1, 0.3, 0.0], [0.1, 0.3, 0.0])  # rank one: a road drives one direction
+R = np.array([[0.5, 0.1], [0.1, 0.4]])
+MEAN = np.array([0.3, -0.2, 0.1])
+COV = np.array([[1.0, 0.2, 0.0], [0.2, 0.5, 0.1], [0.0, 0.1, 0.3]])
+
+
+def _product(matrix, x):
+    return [sum(m * v for m, v in zip(row, x, strict=True)) for row in matrix.tolist()]
+
+
+def _scaled_triangle(scale, matrix):
+    rows = matrix.tolist()
+    return tuple(tuple(scale * rows[i][j] for j in range(i + 1)) for i in range(len(rows)))
+
+
+def linear_model():
+    """Linear Gaussian model; `params` scales both noises."""
+    return StateSpaceModel(
+        transition=lambda x, p: Track(*_product(F, x)),
+        observation=lambda x, p: Sensors(*_product(H, x)),
+        process_cov=lambda x, p: _scaled_triangle(p, Q),
+        observation_cov=lambda p: _scaled_triangle(p, R),
+    )
+
+
+def kalman(ys, scale=1.0):
+    """Textbook Kalman filter, predict first, over rows of ys; NaN rows or entries are missing."""
+    mean, cov = MEAN.copy(), COV.copy()
+    means, covs, log_likelihood = [], [], []
+    for y in ys:
+        mean, cov = F @ mean, F @ cov @ F.T + scale * Q
+        here = np.isfinite(y)
+        if here.any():
+            h, r = H[here], scale * R[np.ix_(here, here)]
+            s = h @ cov @ h.T + r
+            innovation = y[here] - h @ mean
+            gain = cov @ h.T @ np.linalg.inv(s)
+            mean = mean + gain @ innovation
+            joseph = np.eye(3) - gain @ h
+            cov = joseph @ cov @ joseph.T + gain @ r @ gain.T
+            nis = innovation @ np.linalg.solve(s, innovation)
+            log_likelihood.append(-0.5 * (nis + np.linalg.slogdet(2 * np.pi * s)[1]))
+        else:
+            log_likelihood.append(0.0)
+        means.append(mean)
+        covs.append(cov)
+    return np.array(means), np.array(covs), np.array(log_likelihood)
+
+
+def sample(seed, steps):
+    rng = np.random.default_rng(seed)
+    x = rng.multivariate_normal(MEAN, COV)
+    xs, ys = [], []
+    for _ in range(steps):
+        x = F @ x + rng.normal() * np.array([0.1, 0.3, 0.0])
+        xs.append(x)
+        ys.append(H @ x + rng.multivariate_normal(np.zeros(2), R))
+    return np.array(xs), np.array(ys)

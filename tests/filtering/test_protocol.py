@@ -1,0 +1,91 @@
+"""What every filter of the room must do: jit, vmap, grad, scan, float32, missing rows."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from models import COV, MEAN, Sensors, Track, linear_model, sample
+
+from wheelhop.filtering import (
+    InteractingParams,
+    cubature,
+    drive,
+    gaussian,
+    interacting,
+    scaled,
+    unscented,
+)
+
+
+def imm_params(scale):
+    return InteractingParams(
+        scale * jnp.array([0.5, 2.0]), jnp.array([[0.9, 0.1], [0.2, 0.8]]), jnp.array([0.5, 0.5])
+    )
+
+
+FILTERS = {
+    "cubature": (unscented(linear_model(), cubature), lambda s: s),
+    "scaled": (unscented(linear_model(), scaled(0.8, 2.0, 0.3)), lambda s: s),
+    "interacting": (interacting(unscented(linear_model())), imm_params),
+}
+
+
+@pytest.fixture(params=FILTERS)
+def case(request):
+    filter, params = FILTERS[request.param]
+    return filter, params
+
+
+def measurements(seed, steps=15):
+    _, ys = sample(seed, steps)
+    ys[4] = np.nan
+    return Sensors(jnp.asarray(ys[:, 0]), jnp.asarray(ys[:, 1]))
+
+
+def prior():
+    return gaussian(Track(*MEAN), jnp.asarray(COV))
+
+
+def run(case, ys, scale=1.0):
+    filter, params = case
+    p = params(scale)
+    return drive.run(filter, filter.init(prior(), p), ys, p)
+
+
+def test_step_keeps_the_structure_and_types_of_the_state(case):
+    filter, params = case
+    p = params(1.0)
+    before = filter.init(prior(), p)
+    y = jax.tree.map(lambda a: a[0], measurements(0))
+    after = jax.eval_shape(lambda s: filter.step(s, y, p)[0], before)
+    assert jax.tree.structure(before) == jax.tree.structure(after)
+    for old, new in zip(jax.tree.leaves(before), jax.tree.leaves(after), strict=True):
+        assert old.shape == new.shape
+        assert old.dtype == new.dtype
+
+
+def test_vmap_over_runs_equals_each_run(case):
+    batch = [measurements(seed) for seed in range(3)]
+    stacked = jax.tree.map(lambda *a: jnp.stack(a), *batch)
+    together = jax.jit(jax.vmap(lambda ys: run(case, ys).info.log_likelihood))(stacked)
+    for k, ys in enumerate(batch):
+        np.testing.assert_allclose(together[k], run(case, ys).info.log_likelihood, atol=1e-12)
+
+
+def test_a_missing_row_predicts_only(case):
+    info = run(case, measurements(1)).info
+    assert info.flags.missing[4] == 2
+    assert float(info.log_likelihood[4]) == pytest.approx(0.0, abs=1e-12)
+    assert float(info.nis[4]) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_gradient_is_finite(case):
+    slope = jax.grad(lambda s: run(case, measurements(2), s).info.log_likelihood.sum())(1.0)
+    assert np.isfinite(slope)
+    assert abs(float(slope)) > 0.0
+
+
+def test_float32_runs_in_float32(case, float32):
+    trajectory = run(case, measurements(3))
+    assert {leaf.dtype for leaf in jax.tree.leaves(trajectory.state)} == {jnp.dtype("float32")}
+    assert not np.any(trajectory.info.flags.nonfinite)
