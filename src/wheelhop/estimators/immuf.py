@@ -126,17 +126,17 @@ def corner_model(substeps: int = 1) -> StateSpaceModel:
         return accelerations(x, jnp.exp(x.ln_k_t), params.car)
 
     def process_cov(x: CornerState, params: MemberParams) -> tuple:
-        # white road velocity through e' = v_u - z_r', v_u' = -(k_t / m_u) e over one interval
         dt = params.dt
         q = road_velocity_intensity(params.road_level, params.speed)
-        b = -jnp.exp(x.ln_k_t) / params.car.unsprung_mass
         walk = params.velocity_walk**2 * dt
+        road = _road_noise(jnp.exp(x.ln_k_t), q, dt, params.car)
+        (dd,), (ed, ee), (sd, se, ss), (ud, ue, us, uu) = road
         zero = 0.0 * q
         return (
-            (zero,),
-            (zero, q * dt),
-            (zero, zero, walk),
-            (zero, q * b * dt**2 / 2.0, zero, q * b**2 * dt**3 / 3.0 + walk),
+            (dd,),
+            (ed, ee),
+            (sd, se, ss + walk),
+            (ud, ue, us, uu + walk),
             (zero, zero, zero, zero, params.stiffness_walk**2 * dt),
         )
 
@@ -144,6 +144,37 @@ def corner_model(substeps: int = 1) -> StateSpaceModel:
         return ((params.noise_a_s**2,), (0.0, params.noise_a_u**2))
 
     return StateSpaceModel(transition, observation, process_cov, observation_cov)
+
+
+def _road_noise(stiffness: Any, intensity: Any, dt: Any, car: QuarterCar) -> tuple:
+    """Covariance of (d, e, v_s, v_u) after dt from a road that is white in velocity.
+
+    The integral of h(t) h(t)^T over the interval, h = G + A G t + A^2 G t^2 / 2 the response
+    to a step of the road, G = (0, 1, 0, 0): positive semidefinite, and short of the matrix
+    exponential by the third order in c_s dt / m_u.
+    """
+    b = -stiffness / car.unsprung_mass
+    damping = car.suspension.damping
+    zero = 0.0 * b
+    response = (
+        (zero, zero, -b),
+        (1.0 + zero, zero, b),
+        (zero, zero, damping / car.sprung_mass * b),
+        (zero, b, -damping / car.unsprung_mass * b),
+    )
+    factorial = (1.0, 1.0, 2.0)
+
+    def entry(i: int, j: int) -> Any:
+        return intensity * sum(
+            response[i][m]
+            * response[j][n]
+            * dt ** (m + n + 1)
+            / ((m + n + 1) * factorial[m] * factorial[n])
+            for m in range(3)
+            for n in range(3)
+        )
+
+    return tuple(tuple(entry(i, j) for j in range(i + 1)) for i in range(4))
 
 
 def substeps_for(dt: float) -> int:
