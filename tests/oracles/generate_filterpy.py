@@ -1,4 +1,4 @@
-"""Freeze filterpy's UKF and IMM on a nonlinear quarter car: python generate_filterpy.py.
+"""Freeze filterpy's UKF and IMM on a nonlinear quarter car: python -m tests.oracles.generate_filterpy.
 
 Needs filterpy, NumPy and SciPy only; nothing of wheelhop is imported. Writes filterpy.json
 beside itself. filterpy predicts first and redraws its points after the prediction, as we do.
@@ -10,9 +10,10 @@ import pathlib
 
 import filterpy
 import numpy as np
-import quarter_car_numpy as car
 import scipy
 from filterpy.kalman import IMMEstimator, MerweScaledSigmaPoints, UnscentedKalmanFilter
+
+from tests.oracles import quarter_car_numpy as car
 
 SAMPLES = 100
 LEVELS = [1e-6, 4e-6, 16e-6, 64e-6]
@@ -64,8 +65,12 @@ def run_ukf(ys, rule):
     return out
 
 
+def make_imm(rule):
+    return IMMEstimator([make(level, rule) for level in LEVELS], MU0.copy(), PZ)
+
+
 def run_imm(ys, rule):
-    imm = IMMEstimator([make(level, rule) for level in LEVELS], MU0.copy(), PZ)
+    imm = make_imm(rule)
     out = {"mean": [], "cov": [], "probabilities": [], "log_likelihood": []}
     for y in ys:
         imm.predict()
@@ -86,7 +91,7 @@ def main():
         "provenance": {
             "program": f"filterpy {filterpy.__version__}, NumPy {np.__version__}, "
             f"SciPy {scipy.__version__}, float64",
-            "made_by": "tests/oracles/generate_filterpy.py",
+            "made_by": "python -m tests.oracles.generate_filterpy",
             "settings": "UnscentedKalmanFilter, MerweScaledSigmaPoints(alpha, beta, kappa) as in "
             "`rules`; IMMEstimator; lower triangles row by row; the UKF misses the "
             "samples in `missing`, the IMM none",

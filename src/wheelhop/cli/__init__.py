@@ -24,10 +24,11 @@ for _command in (demo, estimate, simulate, road, montecarlo, vehicle):
     app.command()(_command)
 
 
-def _show_version(value: bool) -> None:
+def _show_version(value: bool) -> bool:
     if value:
         typer.echo(f"wheelhop {__version__}")
         raise typer.Exit
+    return value
 
 
 @app.callback()
