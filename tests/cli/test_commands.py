@@ -239,4 +239,5 @@ def test_measured_roads_run_through_the_whole_chain(work, data):
     )
     said = call("estimate", "block.parquet", "--out", "block")
     assert "the road is rougher than the classes" in said
+    assert "is no plausible pressure of a tyre of 250 kPa" in said
     assert "overconfident" in said

@@ -30,13 +30,14 @@ from wheelhop.io.logs import read_log, write_log
 from wheelhop.io.results import output_directory, write_figure, write_json, write_table
 from wheelhop.plots import plot_estimate
 from wheelhop.studies.first_light import FirstLight, run_first_light
+from wheelhop.vehicle.parameters import QuarterCar, brancati_suv
 from wheelhop.vehicle.record import CornerRecord
 from wheelhop.vehicle.road import class_level
 
 _TABLE_ROWS = 10
 _MODE_WINDOW = 0.5
 _WORST_NIS_RATIO = 1.2
-_PLAUSIBLE_PRESSURE = (50e3, 1.2e6)
+_PLAUSIBLE_PRESSURE = (0.2, 2.0)
 
 
 @command
@@ -81,9 +82,8 @@ def estimate(
         "tuning": asdict(tuning),
         "seed": seed,
     }
-    _report(
-        result, record, tuning, out, provenance("estimate", precision, **settings), Path(log).name
-    )
+    made_by = provenance("estimate", precision, **settings)
+    _report(result, record, car, tuning, out, made_by, Path(log).name)
 
 
 @command
@@ -106,7 +106,7 @@ def demo(
         "demo", precision, study=asdict(settings), tuning=asdict(tuning), vehicle=DEFAULT_VEHICLE
     )
     title = f"A tyre that leaks from 230 to 180 kPa, class {road} road, 60 km/h"
-    _report(result, record, tuning, out, made_by, title, log_too=True)
+    _report(result, record, brancati_suv(), tuning, out, made_by, title, log_too=True)
 
 
 def road_classes(letters: str) -> tuple[str, ...]:
@@ -126,6 +126,7 @@ def road_classes(letters: str) -> tuple[str, ...]:
 def _report(
     result: PressureEstimate,
     record: CornerRecord,
+    car: QuarterCar,
     tuning: Tuning,
     out: Path,
     made_by: dict[str, Any],
@@ -135,7 +136,7 @@ def _report(
     """Print the table, write data, summary and figure."""
     summary = summarise_estimate(result, record, tuning.prior_pressure)
     console.print(_result_table(result, record))
-    for line in _verdict(summary):
+    for line in _verdict(summary, float(car.tire.nominal_pressure)):
         console.print(line)
     directory = output_directory(out)
     files = ["estimate.parquet", "estimate.png", "summary.json"]
@@ -187,7 +188,7 @@ def _result_table(result: PressureEstimate, record: CornerRecord) -> Table:
     return table
 
 
-def _verdict(summary: dict[str, Any]) -> list[str]:
+def _verdict(summary: dict[str, Any], nominal_pressure: float) -> list[str]:
     """What the estimate is worth, in plain words."""
     low, high = summary["nis_95_percent_band_if_consistent"]
     lines = [
@@ -199,16 +200,19 @@ def _verdict(summary: dict[str, Any]) -> list[str]:
             "the innovations are larger than any member expects: the road is rougher than the "
             "classes (see --classes), or the vehicle's parameters are wrong"
         )
-    low_p, high_p = _PLAUSIBLE_PRESSURE
+    low_p, high_p = (factor * nominal_pressure for factor in _PLAUSIBLE_PRESSURE)
     if not low_p < summary["final_pressure_Pa"] < high_p:
-        lines.append("the estimate is not a plausible tyre pressure: do not use it")
+        lines.append(
+            f"{summary['final_pressure_Pa'] / 1e3:.0f} kPa is no plausible pressure of a tyre of "
+            f"{nominal_pressure / 1e3:.0f} kPa: do not use this estimate"
+        )
     truth = summary.get("against_truth")
     if truth is None:
         lines.append("the log holds no true pressure, so the error is not known")
         return lines
     lines.append(
         f"against the truth after {truth['judged_from_s']:.1f} s: rms error "
-        f"{truth['rms_error_Pa'] / 1e3:.1f} kPa (guessing the prior: "
+        f"{truth['rms_error_Pa'] / 1e3:.1f} kPa (always guessing the prior: "
         f"{truth['rms_error_of_the_prior_Pa'] / 1e3:.1f} kPa), "
         f"{truth['share_within_2_sigma']:.0%} of the time within the stated 2 sigma"
     )
