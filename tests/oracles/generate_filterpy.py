@@ -1,4 +1,4 @@
-"""Freeze filterpy's UKF and IMM on a nonlinear quarter car: python -m tests.oracles.generate_filterpy.
+"""Freeze filterpy's UKF and IMM on a quarter car: python -m tests.oracles.generate_filterpy.
 
 Needs filterpy, NumPy and SciPy only; nothing of wheelhop is imported. Writes filterpy.json
 beside itself. filterpy predicts first and redraws its points after the prediction, as we do.
