@@ -37,7 +37,7 @@ from wheelhop.vehicle.road import class_level
 _TABLE_ROWS = 10
 _MODE_WINDOW = 0.5
 _WORST_NIS_RATIO = 1.2
-_PLAUSIBLE_PRESSURE = (0.2, 2.0)
+_PLAUSIBLE_PRESSURE = (0.2, 1.6)
 
 
 @command
