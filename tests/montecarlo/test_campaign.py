@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from wheelhop.errors import InputError
+from wheelhop.evaluation.errors import error_statistics
 from wheelhop.montecarlo import campaign
 from wheelhop.montecarlo.campaign import run_campaign
+from wheelhop.montecarlo.run import report_times
 from wheelhop.montecarlo.scenarios import CampaignSettings, draw_scenario
+from wheelhop.montecarlo.summary import summarise_campaign
 from wheelhop.vehicle.parameters import brancati_suv
 
 CAR = brancati_suv()
@@ -30,6 +33,20 @@ def test_shapes_and_finiteness(result):
         assert np.isfinite(values).all()
     assert np.all((result.pressure >= 130e3) & (result.pressure <= 230e3))
     assert np.all((result.speed >= 40 / 3.6) & (result.speed <= 80 / 3.6))
+
+
+def test_summary_is_taken_from_the_last_sample_of_every_run(result):
+    statistics = error_statistics(result.error, result.sigma)
+    summary = summarise_campaign(result, statistics, SMALL)
+    final = result.error[:, -1]
+    assert summary["final_rms_error_Pa"] == pytest.approx(np.sqrt(np.mean(final**2)))
+    assert summary["final_median_abs_error_Pa"] == pytest.approx(np.median(np.abs(final)))
+    guess = np.sqrt(np.mean((180e3 - result.pressure) ** 2))
+    assert summary["rms_error_of_the_prior_Pa"] == pytest.approx(guess)
+    weights = [np.sum(result.road_class == k) for k in range(4)]
+    squares = [summary["final_rms_error_by_class_Pa"].get(c, 0.0) ** 2 for c in "ABCD"]
+    assert np.average(squares, weights=weights) == pytest.approx(np.mean(final**2))
+    assert len(report_times(SMALL)) == result.error.shape[1]
 
 
 def test_chunks_do_not_change_results_and_finished_ones_are_not_run_again(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -22,12 +22,13 @@ from wheelhop.cli.session import (
     say_files,
 )
 from wheelhop.cli.vehicle import VehicleFile, load_vehicle
-from wheelhop.evaluation.consistency import inside_fraction, mean_band
+from wheelhop.evaluation.consistency import mean_band
 from wheelhop.evaluation.errors import ErrorStatistics, error_statistics
 from wheelhop.io.results import output_directory, write_figure, write_json, write_table
 from wheelhop.montecarlo.campaign import run_campaign
-from wheelhop.montecarlo.run import RunResult, report_stride
+from wheelhop.montecarlo.run import RunResult, report_times
 from wheelhop.montecarlo.scenarios import CampaignSettings, validate_settings
+from wheelhop.montecarlo.summary import summarise_campaign
 from wheelhop.plots import plot_campaign
 
 
@@ -69,9 +70,9 @@ def montecarlo(
         directory = output_directory(out)
         with progress_bar("Monte Carlo", "runs") as advance:
             result = run_campaign(settings, car, directory / "runs", advance)
-    t = report_stride(settings) / settings.rate * np.arange(1, result.error.shape[1] + 1)
+    t = report_times(settings)
     statistics = error_statistics(result.error, result.sigma)
-    summary = _summary(t, result, statistics, settings)
+    summary = summarise_campaign(result, statistics, settings)
     console.print(_table(t, result, statistics))
     console.print(
         f"at the end: rms {summary['final_rms_error_Pa'] / 1e3:.1f} kPa (guessing the prior: "
@@ -83,36 +84,6 @@ def montecarlo(
     made_by = provenance("montecarlo", precision, vehicle=name, **asdict(settings))
     write_json(directory / "summary.json", {**made_by, "results": summary})
     say_files(directory, "montecarlo.png", "montecarlo.parquet", "runs.parquet", "summary.json")
-
-
-def _summary(
-    t: np.ndarray, result: RunResult, statistics: ErrorStatistics, settings: CampaignSettings
-) -> dict[str, Any]:
-    prior = settings.tuning.prior_pressure
-    final = result.error[:, -1]
-    per_class = {
-        c: float(np.sqrt(np.mean(final[result.road_class == k] ** 2)))
-        for k, c in enumerate(settings.classes)
-        if np.any(result.road_class == k)
-    }
-    return {
-        "runs": len(final),
-        "final_rms_error_Pa": statistics.rms[-1],
-        "final_median_abs_error_Pa": float(np.median(np.abs(final))),
-        "final_mean_error_Pa": statistics.mean[-1],
-        "final_std_error_Pa": statistics.std[-1],
-        "final_mean_sigma_Pa": statistics.sigma[-1],
-        "final_share_within_1_sigma": inside_fraction(final, result.sigma[:, -1]),
-        "final_rms_error_by_class_Pa": per_class,
-        "rms_error_of_the_prior_Pa": float(np.sqrt(np.mean((prior - result.pressure) ** 2))),
-        "final_mean_nees": float(result.nees[:, -1].mean()),
-        "nees_95_percent_band": mean_band(5, len(final)),
-        "final_mean_nees_stiffness": float(result.nees_stiffness[:, -1].mean()),
-        "nees_stiffness_95_percent_band": mean_band(1, len(final)),
-        "mean_nis": float(result.nis.mean()),
-        "mean_probability_of_true_class": float(result.true_class_probability.mean()),
-        "duration_s": float(t[-1]),
-    }
 
 
 def _table(t: np.ndarray, result: RunResult, statistics: ErrorStatistics) -> Table:

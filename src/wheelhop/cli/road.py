@@ -9,7 +9,7 @@ from typing import Annotated, TypeVar
 import typer
 from rich.table import Table
 
-from wheelhop.cli.session import OutDirectory, command, console, provenance, say_files
+from wheelhop.cli.session import OutDirectory, Seed, command, console, provenance, say_files
 from wheelhop.errors import InputError
 from wheelhop.io.results import output_directory, write_figure, write_json, write_table
 from wheelhop.io.roads import read_road
@@ -24,6 +24,7 @@ def road(
     profile: Annotated[Path, typer.Argument(help="CSV or Parquet: x_m and one column a track.")],
     track: Annotated[str | None, typer.Option(help="Elevation column; default the middle.")] = None,
     out: OutDirectory = Path("wheelhop-road"),
+    seed: Seed = 0,
 ) -> None:
     """Measure a road profile: length, roughness index, ISO 8608 level, waviness and class.
 
@@ -70,7 +71,7 @@ def road(
         {"frequency": "1/m", "density": "m^3"},
     )
     write_figure(directory / "road.png", plot_road(measured, spectrum, fit, profile.name))
-    made_by = provenance("road", "float64", road=str(profile), track=track)
+    made_by = provenance("road", "float64", road=str(profile), track=track, seed=seed)
     write_json(directory / "summary.json", {**made_by, "results": results})
     say_files(directory, "road.png", "psd.parquet", "summary.json")
 

@@ -36,6 +36,7 @@ from wheelhop.vehicle.quarter_car import (
     relative_step,
 )
 from wheelhop.vehicle.road import class_level, road_velocity_intensity
+from wheelhop.vehicle.road_noise import road_noise_cov
 from wheelhop.vehicle.tire import stiffness_from_pressure
 
 ROAD_CLASSES = ("A", "B", "C", "D")
@@ -129,7 +130,7 @@ def corner_model(substeps: int = 1) -> StateSpaceModel:
         dt = params.dt
         q = road_velocity_intensity(params.road_level, params.speed)
         walk = params.velocity_walk**2 * dt
-        road = _road_noise(jnp.exp(x.ln_k_t), q, dt, params.car)
+        road = road_noise_cov(jnp.exp(x.ln_k_t), q, dt, params.car)
         (dd,), (ed, ee), (sd, se, ss), (ud, ue, us, uu) = road
         zero = 0.0 * q
         return (
@@ -144,37 +145,6 @@ def corner_model(substeps: int = 1) -> StateSpaceModel:
         return ((params.noise_a_s**2,), (0.0, params.noise_a_u**2))
 
     return StateSpaceModel(transition, observation, process_cov, observation_cov)
-
-
-def _road_noise(stiffness: Any, intensity: Any, dt: Any, car: QuarterCar) -> tuple:
-    """Covariance of (d, e, v_s, v_u) after dt from a road that is white in velocity.
-
-    The integral of h(t) h(t)^T over the interval, h = G + A G t + A^2 G t^2 / 2 the response
-    to a step of the road, G = (0, 1, 0, 0): positive semidefinite, and short of the matrix
-    exponential by the third order in c_s dt / m_u.
-    """
-    b = -stiffness / car.unsprung_mass
-    damping = car.suspension.damping
-    zero = 0.0 * b
-    response = (
-        (zero, zero, -b),
-        (1.0 + zero, zero, b),
-        (zero, zero, damping / car.sprung_mass * b),
-        (zero, b, -damping / car.unsprung_mass * b),
-    )
-    factorial = (1.0, 1.0, 2.0)
-
-    def entry(i: int, j: int) -> Any:
-        return intensity * sum(
-            response[i][m]
-            * response[j][n]
-            * dt ** (m + n + 1)
-            / ((m + n + 1) * factorial[m] * factorial[n])
-            for m in range(3)
-            for n in range(3)
-        )
-
-    return tuple(tuple(entry(i, j) for j in range(i + 1)) for i in range(4))
 
 
 def substeps_for(dt: float) -> int:

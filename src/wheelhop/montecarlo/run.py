@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from wheelhop.estimators.immuf import (
     CornerState,
@@ -60,6 +61,13 @@ class RunResult(NamedTuple):
 def report_stride(settings: CampaignSettings) -> int:
     """Samples between two reported ones."""
     return max(1, round(settings.rate / REPORT_RATE))
+
+
+def report_times(settings: CampaignSettings) -> np.ndarray:
+    """Times [s] of the reported samples."""
+    stride = report_stride(settings)
+    count = round(settings.duration * settings.rate) // stride
+    return stride / settings.rate * np.arange(1, count + 1)
 
 
 def run_one(settings: CampaignSettings, car: QuarterCar, run: Any) -> RunResult:

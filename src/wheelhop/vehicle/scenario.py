@@ -14,7 +14,7 @@ from wheelhop.errors import require_in_range
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.quarter_car import RelativeState, Simulation, simulate
 from wheelhop.vehicle.record import CornerRecord
-from wheelhop.vehicle.road.profile import Profile, elevation_at
+from wheelhop.vehicle.road.profile import Profile, elevation_at, without_aliases
 from wheelhop.vehicle.road.shape_filter import elevations, stationary_variance
 from wheelhop.vehicle.sensors import DATASHEET_ACCELEROMETER, Sensor, measure
 from wheelhop.vehicle.tire import stiffness_from_pressure
@@ -64,6 +64,8 @@ def road_rise_from_profile(
 ) -> np.ndarray:
     """Rise of the road [m] in every fine step, [time, substeps], at constant speed [m/s].
 
+    A road sampled more finely than the steps is low-passed first, so that nothing aliases.
+
     Args:
         profile: measured road.
         speed: v [m/s].
@@ -73,8 +75,10 @@ def road_rise_from_profile(
         reflect: continue a road that is too short there and back.
     """
     samples = round(duration * rate)
-    x = speed * np.arange(samples * substeps + 1) / (rate * substeps)
-    return np.diff(elevation_at(profile, x, reflect)).reshape(samples, substeps)
+    travel = speed / (rate * substeps)
+    x = travel * np.arange(samples * substeps + 1)
+    z = elevation_at(without_aliases(profile, travel), x, reflect)
+    return np.diff(z).reshape(samples, substeps)
 
 
 def road_rise_of_class(

@@ -101,11 +101,18 @@ def resample(profile: Profile, spacing: float) -> Profile:
             f"{spacing:g} m for a road of {profile.length:g} m",
             "Give a positive spacing below the road's length.",
         )
-    z = profile.elevation
-    if spacing > profile.spacing * (1 + 1e-9):
-        z = _low_pass(z, profile.spacing, nyquist=0.5 / spacing)
+    smooth = without_aliases(profile, spacing).elevation
     count = int(np.floor(profile.length / spacing * (1 + 1e-12))) + 1
-    return Profile(spacing, CubicSpline(profile.distance, z)(spacing * np.arange(count)))
+    return Profile(spacing, CubicSpline(profile.distance, smooth)(spacing * np.arange(count)))
+
+
+def without_aliases(profile: Profile, spacing: float) -> Profile:
+    """The road without the waves that would alias when sampled every `spacing` metres."""
+    if spacing <= profile.spacing * (1 + 1e-9):
+        return profile
+    return Profile(
+        profile.spacing, _low_pass(profile.elevation, profile.spacing, nyquist=0.5 / spacing)
+    )
 
 
 def elevation_at(profile: Profile, distance: np.ndarray, reflect: bool = False) -> np.ndarray:
