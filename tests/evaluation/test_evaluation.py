@@ -66,6 +66,7 @@ def test_summary_compares_with_the_truth_and_the_prior():
         2.0 * ones,
         np.zeros(1000, int),
         np.zeros(1000, bool),
+        np.zeros(1000, int),
     )
     record = CornerRecord(t, ones, ones, 10 * ones, 215e3 * ones)
     summary = summarise_estimate(result, record, prior_pressure=180e3)

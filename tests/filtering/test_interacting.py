@@ -125,6 +125,7 @@ def test_a_dead_member_is_restarted_from_the_others():
     trajectory = run([1.0, np.nan, 2.0], PZ, MU, ys)
     probabilities = np.exp(trajectory.state.log_probabilities)
     assert np.all(probabilities[:, 1] == 0.0)
+    assert np.all(trajectory.info.flags.lost_members == 1)
     assert not np.any(trajectory.info.flags.nonfinite)
     assert np.isfinite(dense(trajectory.state.combined)[0]).all()
 

@@ -34,15 +34,21 @@ def observation(x):
 
 
 def process_cov(x, level, dt=DT):
-    """Second-order response to the road, integrated by 3-point Gauss-Legendre (exact here)."""
-    q = np.pi * level * SPEED
-    b = -np.exp(x[4]) / M_U
+    """Response to a step of the road, fourth-order series, integrated by 3-point Gauss-Legendre."""
+    k_t = np.exp(x[4])
+    a = np.zeros((5, 5))
+    a[0, 2], a[0, 3], a[1, 3] = 1.0, -1.0, 1.0
+    a[2, :4] = -np.array([K_S, 0.0, C_S, -C_S]) / M_S
+    a[3, :4] = np.array([K_S, -k_t, C_S, -C_S]) / M_U
+    step = np.array([0.0, 1.0, 0.0, 0.0, 0.0])
     cov = np.zeros((5, 5))
     for node, weight in zip(*np.polynomial.legendre.leggauss(3), strict=True):
         t = dt / 2 * (1 + node)
-        h = np.array([0.0, 1.0, 0.0, b * t, 0.0])
-        h += np.array([-b, b, C_S / M_S * b, -C_S / M_U * b, 0.0]) * t**2 / 2
-        cov += q * dt / 2 * weight * np.outer(h, h)
+        terms = [step]
+        for k in range(1, 5):
+            terms.append(a @ terms[-1] * t / k)
+        h = np.sum(terms, axis=0)
+        cov += np.pi * level * SPEED * dt / 2 * weight * np.outer(h, h)
     return cov + np.diag([0, 0, VELOCITY_WALK**2, VELOCITY_WALK**2, STIFFNESS_WALK**2]) * dt
 
 

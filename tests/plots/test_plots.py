@@ -30,6 +30,7 @@ def estimate():
         rng.chisquare(2, 400),
         missing,
         missing > 5,
+        np.zeros(400, int),
     )
 
 

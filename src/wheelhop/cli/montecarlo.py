@@ -22,6 +22,7 @@ from wheelhop.cli.session import (
     say_files,
 )
 from wheelhop.cli.vehicle import VehicleFile, load_vehicle
+from wheelhop.estimators.immuf import Tuning
 from wheelhop.evaluation.consistency import mean_band
 from wheelhop.evaluation.errors import ErrorStatistics, error_statistics
 from wheelhop.io.results import output_directory, write_figure, write_json, write_table
@@ -40,7 +41,9 @@ def montecarlo(
         float,
         typer.Option(help="Roads off their class centre by up to this many classes (0.5: any)."),
     ] = 0.0,
-    noise: Annotated[float, typer.Option(help="Accelerometer noise [m/s^2].")] = 0.5,
+    noise: Annotated[
+        float, typer.Option(help="Accelerometer noise [m/s^2], which the filter knows.")
+    ] = 0.5,
     convention: Annotated[
         str, typer.Option(help="Level of the classes: iso8608 or brancati2022.")
     ] = "iso8608",
@@ -62,6 +65,7 @@ def montecarlo(
             level_spread=level_spread,
             noise=noise,
             convention=convention,
+            tuning=Tuning(noise_a_s=noise, noise_a_u=noise),
             seed=seed,
         )
     )

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import typer
 
@@ -23,6 +22,7 @@ from wheelhop.vehicle.road.shape_filter import stationary_variance
 from wheelhop.vehicle.scenario import (
     SUBSTEPS,
     Leak,
+    constant_travel,
     drive,
     road_rise_from_profile,
     road_rise_of_class,
@@ -152,7 +152,7 @@ def _random_road(
     level = class_level(road_class)
     if waviness is None:
         samples = round(duration * rate)
-        travel = jnp.full((samples, SUBSTEPS), speed / (rate * SUBSTEPS))
+        travel = constant_travel(speed, samples, rate)
         return road_rise_of_class(key, level, travel, convention)
     require_in_range("--waviness", waviness, 1.0, 4.0, "(no unit)")
     level *= stationary_variance(1.0, convention) / stationary_variance(1.0)

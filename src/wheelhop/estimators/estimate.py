@@ -39,9 +39,11 @@ class PressureEstimate:
         stiffness_sigma: its standard deviation [N/m].
         modes: names of the road classes.
         mode_probabilities: [time, modes].
-        nis: normalised innovation squared, chi-square(2) if the filter is consistent.
+        nis: normalised innovation squared of the mixture; its mean is 2 for a single filter
+            whose model fits, and somewhat less for an IMM (improbable modes widen it).
         missing: number of measurements left out of each step.
         guarded: True where the filter's pivot guard acted.
+        lost_members: members that left the finite numbers in a step and were restarted.
     """
 
     t: np.ndarray
@@ -54,6 +56,7 @@ class PressureEstimate:
     nis: np.ndarray
     missing: np.ndarray
     guarded: np.ndarray
+    lost_members: np.ndarray
 
 
 class _Kept(NamedTuple):
@@ -63,6 +66,7 @@ class _Kept(NamedTuple):
     nis: Any
     missing: Any
     guarded: Any
+    lost_members: Any
     nonfinite: Any
 
 
@@ -125,6 +129,7 @@ def estimate_pressure(
         nis=all_kept.nis.astype(float),
         missing=all_kept.missing,
         guarded=all_kept.guarded,
+        lost_members=all_kept.lost_members,
     )
 
 
@@ -137,6 +142,7 @@ def _keep(state: InteractingState, info: Info) -> _Kept:
         info.nis,
         info.flags.missing,
         info.flags.guarded,
+        info.flags.lost_members,
         info.flags.nonfinite,
     )
 

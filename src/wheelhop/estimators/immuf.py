@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import jax
@@ -35,9 +36,9 @@ from wheelhop.vehicle.quarter_car import (
     accelerations,
     relative_step,
 )
-from wheelhop.vehicle.road import class_level, road_velocity_intensity
+from wheelhop.vehicle.road import class_level, road_velocity_intensity, stationary_variance
 from wheelhop.vehicle.road_noise import road_noise_cov
-from wheelhop.vehicle.tire import stiffness_from_pressure
+from wheelhop.vehicle.tire import pressure_slope, stiffness_from_pressure
 
 ROAD_CLASSES = ("A", "B", "C", "D")
 
@@ -113,14 +114,20 @@ def corner_model(substeps: int = 1) -> StateSpaceModel:
     """State-space model of the corner with the stiffness in the state.
 
     Args:
-        substeps: RK4 steps per sampling interval.
+        substeps: RK4 steps, and pieces of the road noise, per sampling interval.
     """
 
     def transition(x: CornerState, params: MemberParams) -> CornerState:
         moving = RelativeState(x.deflection, x.tyre_deflection, x.v_s, x.v_u)
         stiffness = jnp.exp(x.ln_k_t)
-        for _ in range(substeps):
-            moving = relative_step(moving, stiffness, 0.0, params.dt / substeps, params.car)
+
+        def step(motion: RelativeState, _: None) -> tuple[RelativeState, None]:
+            return relative_step(motion, stiffness, 0.0, params.dt / substeps, params.car), None
+
+        if substeps == 1:
+            moving, _ = step(moving, None)
+        else:  # a loop: unrolled, the compiler's fusion repeats the work of every step
+            moving, _ = jax.lax.scan(step, moving, length=substeps)
         return CornerState(*moving, x.ln_k_t)
 
     def observation(x: CornerState, params: MemberParams) -> Accelerations:
@@ -130,7 +137,7 @@ def corner_model(substeps: int = 1) -> StateSpaceModel:
         dt = params.dt
         q = road_velocity_intensity(params.road_level, params.speed)
         walk = params.velocity_walk**2 * dt
-        road = road_noise_cov(jnp.exp(x.ln_k_t), q, dt, params.car)
+        road = road_noise_cov(jnp.exp(x.ln_k_t), q, dt, params.car, substeps)
         (dd,), (ed, ee), (sd, se, ss), (ud, ue, us, uu) = road
         zero = 0.0 * q
         return (
@@ -154,12 +161,22 @@ def substeps_for(dt: float) -> int:
 
 def member_filter(dt: float, rule: Rule = cubature) -> Filter:
     """The unscented filter of one road class, for a sampling interval dt [s]."""
-    return unscented(corner_model(substeps_for(dt)), rule)
+    return _member_filter(substeps_for(dt), rule)
 
 
 def immuf(dt: float, rule: Rule = cubature) -> Filter:
     """The interacting multiple model filter over road classes, for an interval dt [s]."""
-    return interacting(member_filter(dt, rule))
+    return _immuf(substeps_for(dt), rule)
+
+
+@lru_cache(maxsize=32)
+def _member_filter(substeps: int, rule: Rule) -> Filter:
+    return unscented(corner_model(substeps), rule)
+
+
+@lru_cache(maxsize=32)
+def _immuf(substeps: int, rule: Rule) -> Filter:
+    return interacting(_member_filter(substeps, rule))
 
 
 def member_params(
@@ -185,6 +202,7 @@ def immuf_params(
     dt: float,
     tuning: Tuning = Tuning(),
     classes: Sequence[str] = ROAD_CLASSES,
+    convention: str = "iso8608",
 ) -> InteractingParams:
     """Parameters of the IMM, one member per road class.
 
@@ -194,13 +212,15 @@ def immuf_params(
         dt: sampling interval [s].
         tuning: the filter's tuning.
         classes: ISO 8608 classes of the members.
+        convention: of their levels, "iso8608" or "brancati2022".
 
     Raises:
-        InputError: for an unknown class, a number of cars that does not fit, or tuning out of
-            range.
+        InputError: for an unknown class or convention, a number of cars that
+            does not fit, or tuning out of range.
     """
     validate_tuning(tuning)
-    levels = [class_level(c) for c in classes]
+    ratio = stationary_variance(1.0, convention) / stationary_variance(1.0)
+    levels = [ratio * class_level(c) for c in classes]
     sets = [cars] * len(levels) if isinstance(cars, QuarterCar) else list(cars)
     if len(sets) != len(levels):
         raise InputError(
@@ -221,8 +241,7 @@ def immuf_params(
 def prior(car: QuarterCar, tuning: Tuning = Tuning()) -> Gaussian:
     """Belief before the first sample: near rest, with the pressure prior of the tuning."""
     stiffness = stiffness_from_pressure(tuning.prior_pressure, car.tire)
-    slope = car.tire.stiffness * car.tire.pressure_coefficient / car.tire.nominal_pressure
-    ln_sigma = slope * tuning.prior_pressure_sigma / stiffness
+    ln_sigma = tuning.prior_pressure_sigma / (pressure_slope(car.tire) * stiffness)
     mean = CornerState(0.0, 0.0, 0.0, 0.0, jnp.log(stiffness))
     return independent(mean, CornerState(0.005, 0.002, 0.05, 0.2, ln_sigma))
 

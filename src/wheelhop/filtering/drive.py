@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import jax
@@ -129,10 +130,7 @@ def run_in_chunks(
     inputs = jax.tree.map(np.asarray, inputs)
     total = jax.tree.leaves(ys)[0].shape[0]
 
-    @jax.jit
-    def piece(state: State, ys: Named, inputs: Any, params: Params) -> tuple[State, Any]:
-        return scan(filter, state, ys, params, inputs=inputs, bind=bind, keep=keep)
-
+    piece = _compiled_piece(filter, bind, keep)
     for start in range(0, total, chunk):
         stop = min(start + chunk, total)
         pad = start + chunk - stop
@@ -140,6 +138,17 @@ def run_in_chunks(
         u = _cut(inputs, start, stop, pad, None)
         state, kept = piece(state, y, u, params)
         yield stop, _cut(jax.tree.map(np.asarray, kept), 0, stop - start, 0, None)
+
+
+@lru_cache(maxsize=32)
+def _compiled_piece(filter: Filter, bind: Bind, keep: Keep) -> Callable[..., tuple[State, Any]]:
+    """One jitted function per filter, so that the next record does not compile again."""
+
+    @jax.jit
+    def piece(state: State, ys: Named, inputs: Any, params: Params) -> tuple[State, Any]:
+        return scan(filter, state, ys, params, inputs=inputs, bind=bind, keep=keep)
+
+    return piece
 
 
 def _cut(tree: Any, start: int, stop: int, pad: int, value: float | None) -> Any:

@@ -59,6 +59,8 @@ def interacting(member: Filter) -> Filter:
     Returns:
         A `Filter` over `InteractingState` and `InteractingParams`. Its `Info` describes the
         mixture: log p(y | past) of the mixture, innovation and covariance moment-matched.
+        A mixture's NIS is not chi-square: improbable modes widen its covariance, so its mean
+        lies below the number of entries even where a member's model is exact.
     """
 
     def init(prior: Gaussian, params: InteractingParams) -> InteractingState:
@@ -126,6 +128,8 @@ def _mixture_info(probabilities: Any, infos: Info, log_likelihood: Any, finite: 
         missing=infos.flags.missing[0],
         guarded=jnp.any(infos.flags.guarded, 0),
         nonfinite=~finite,
+        lost_members=jnp.sum(infos.flags.nonfinite.astype(jnp.int32), 0)
+        + jnp.sum(infos.flags.lost_members, 0),
     )
     nis = normalised_square(matched.mean, matched.cov)
     return Info(matched.mean, matched.cov, log_likelihood, nis, flags)

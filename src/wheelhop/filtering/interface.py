@@ -50,11 +50,14 @@ class Flags(NamedTuple):
         missing: number of measurement entries that were not finite and were left out.
         guarded: True where the relative pivot guard of a Cholesky factor acted.
         nonfinite: True where the step's result holds a NaN or an infinity.
+        lost_members: number of an IMM's members whose step was not finite and which were
+            restarted from the others; 0 for a plain filter.
     """
 
     missing: Any
     guarded: Any
     nonfinite: Any
+    lost_members: Any = 0
 
 
 class Info(NamedTuple):

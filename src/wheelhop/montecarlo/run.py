@@ -19,9 +19,13 @@ from wheelhop.evaluation.consistency import nees
 from wheelhop.filtering import drive, standard_deviation
 from wheelhop.montecarlo.scenarios import CampaignSettings, draw_scenario
 from wheelhop.vehicle.parameters import QuarterCar
-from wheelhop.vehicle.quarter_car import Accelerations, RelativeState, simulate
-from wheelhop.vehicle.scenario import road_rise_of_class
-from wheelhop.vehicle.sensors import Sensor, measure
+from wheelhop.vehicle.quarter_car import RelativeState
+from wheelhop.vehicle.scenario import (
+    constant_travel,
+    road_rise_of_class,
+    simulate_and_measure,
+)
+from wheelhop.vehicle.sensors import Sensor
 from wheelhop.vehicle.tire import pressure_slope, stiffness_from_pressure
 
 REPORT_RATE = 50.0
@@ -84,18 +88,16 @@ def run_one(settings: CampaignSettings, car: QuarterCar, run: Any) -> RunResult:
     start = RelativeState(
         *(s * n for s, n in zip(standard_deviation(belief)[:4], scenario.motion, strict=True))
     )
-    road_key, body_key, wheel_key = jax.random.split(scenario.key, 3)
-    travel = jnp.full((samples, settings.substeps), scenario.speed * dt / settings.substeps)
+    road_key, sensor_key = jax.random.split(scenario.key)
+    travel = constant_travel(scenario.speed, samples, settings.rate, settings.substeps)
     rise = road_rise_of_class(road_key, scenario.level, travel, settings.convention)
-    truth = simulate(start, stiffness, rise, dt, car)
     sensor = Sensor(noise=settings.noise)
-    ys = Accelerations(
-        measure(body_key, truth.accelerations.a_s, sensor),
-        measure(wheel_key, truth.accelerations.a_u, sensor),
+    truth, ys = simulate_and_measure(
+        sensor_key, car, start, scenario.pressure, rise, dt, (sensor, sensor)
     )
 
     filter = immuf(dt)
-    params = immuf_params(car, 1.0, dt, settings.tuning, settings.classes)
+    params = immuf_params(car, 1.0, dt, settings.tuning, settings.classes, settings.convention)
     params = bind_speed(params, scenario.speed)
     trajectory = drive.run(
         filter,

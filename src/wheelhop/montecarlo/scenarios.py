@@ -28,8 +28,9 @@ class CampaignSettings:
         classes: ISO 8608 classes, drawn with equal probability.
         level_spread: half width of a uniform error of the road's level about its class centre,
             in classes; 0 for exact classes, 0.5 for roads of any level.
-        noise: standard deviation of both accelerometers [m/s^2].
-        convention: of the road level.
+        noise: standard deviation of both accelerometers [m/s^2]; the filter believes what its
+            tuning says, which may be something else.
+        convention: of the road levels, in the truth and in the filter.
         tuning: of the filter.
         seed: of all random numbers.
     """

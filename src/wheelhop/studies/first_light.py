@@ -6,14 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import jax
-import jax.numpy as jnp
 
 from wheelhop.estimators.estimate import PressureEstimate, estimate_pressure
 from wheelhop.estimators.immuf import Tuning
 from wheelhop.vehicle.parameters import QuarterCar, brancati_suv
 from wheelhop.vehicle.record import CornerRecord, checked_record
 from wheelhop.vehicle.road import class_level
-from wheelhop.vehicle.scenario import RATE, SUBSTEPS, Leak, drive, road_rise_of_class
+from wheelhop.vehicle.scenario import RATE, Leak, constant_travel, drive, road_rise_of_class
 
 LEAK = Leak(start=230e3, end=180e3, begin=6.0, finish=12.0)
 
@@ -41,7 +40,7 @@ def simulate_first_light(settings: FirstLight, car: QuarterCar) -> CornerRecord:
     """The log of the drive."""
     road_key, sensor_key = jax.random.split(jax.random.key(settings.seed))
     samples = round(settings.duration * RATE)
-    travel = jnp.full((samples, SUBSTEPS), settings.speed / (RATE * SUBSTEPS))
+    travel = constant_travel(settings.speed, samples, RATE)
     rise = road_rise_of_class(road_key, class_level(settings.road_class), travel)
     record, _ = drive(sensor_key, car, rise, settings.leak, settings.speed)
     return checked_record(record)

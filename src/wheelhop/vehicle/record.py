@@ -17,8 +17,13 @@ _LONGEST_GAP = 2.0
 _STUCK_TIME = 0.5
 _CRAWLING = 1.0
 _FASTEST = 120.0
-_LARGEST_ACCELERATION = 2000.0
-_MINIMUM_SAMPLES = 50
+_SMALLEST_SHARE = 0.2
+
+LARGEST_ACCELERATION = 2000.0
+"""m/s^2: beyond it a wheel's acceleration is a wrong unit or a broken sensor."""
+
+MINIMUM_SAMPLES = 50
+"""Fewest samples of a record."""
 
 
 @dataclass(frozen=True)
@@ -60,15 +65,15 @@ def checked_record(record: CornerRecord) -> CornerRecord:
     _check_speed(record)
     for name in ("a_s", "a_u"):
         record = replace(record, **{name: _checked_channel(name, getattr(record, name), record.dt)})
-    _warn_of_gaps(record)
+    _check_gaps(record)
     return record
 
 
 def _check_length_and_time(record: CornerRecord) -> None:
     t = record.t
-    if len(t) < _MINIMUM_SAMPLES:
+    if len(t) < MINIMUM_SAMPLES:
         raise InputError(
-            "t", f"the log has {len(t)} samples", f"Give at least {_MINIMUM_SAMPLES} samples."
+            "t", f"the log has {len(t)} samples", f"Give at least {MINIMUM_SAMPLES} samples."
         )
     if not np.all(np.isfinite(t)):
         row = int(np.flatnonzero(~np.isfinite(t))[0])
@@ -126,6 +131,7 @@ def _on_uniform_grid(record: CornerRecord) -> CornerRecord:
     known = np.isfinite(record.v)
     if not known.any():
         raise InputError("v", "no speed in any row", "Add the vehicle speed to the log.")
+    _refuse_long_gap("v", dt * _longest_run(~known))
     if not known.all():
         _warn("v", f"{int((~known).sum())} samples are missing; interpolated.")
     uniform = t[0] + dt * np.arange(count)
@@ -159,6 +165,12 @@ def _check_speed(record: CornerRecord) -> None:
             "Check the column's unit: declare km/h if it is in km/h.",
         )
     slow = float(np.mean(v < _CRAWLING))
+    if slow > 1 - _SMALLEST_SHARE:
+        raise InputError(
+            "v",
+            f"the vehicle is slower than {_CRAWLING:g} m/s for {100 * slow:.3g} % of the log",
+            "Cut the standstill out of the log.",
+        )
     if slow > 0:
         _warn(
             "v", f"{100 * slow:.3g} % of the log is slower than {_CRAWLING:g} m/s and says little."
@@ -166,11 +178,12 @@ def _check_speed(record: CornerRecord) -> None:
 
 
 def _checked_channel(name: str, values: np.ndarray, dt: float) -> np.ndarray:
+    values = np.where(np.isfinite(values), values, np.nan)
     present = np.isfinite(values)
     if not present.any():
         raise InputError(name, "no sample is a number", "Give a log with this channel recorded.")
     largest = float(np.max(np.abs(values[present])))
-    if largest > _LARGEST_ACCELERATION:
+    if largest > LARGEST_ACCELERATION:
         raise InputError(
             name,
             f"it reaches {largest:g} m/s^2",
@@ -190,7 +203,14 @@ def _checked_channel(name: str, values: np.ndarray, dt: float) -> np.ndarray:
             "treated as missing.",
         )
         values = np.where(stuck, np.nan, values)
-    mean, spread = float(np.nanmean(values)), float(np.nanstd(values))
+        present = np.isfinite(values)
+    if present.mean() < _SMALLEST_SHARE:
+        raise InputError(
+            name,
+            f"only {int(present.sum())} of {len(values)} samples can be used",
+            "Check the sensor and give a log in which it works.",
+        )
+    mean, spread = float(values[present].mean()), float(values[present].std())
     if 7.0 < abs(mean) < 12.0 and abs(mean) > spread:
         raise InputError(
             name,
@@ -208,12 +228,12 @@ def _stuck_samples(values: np.ndarray, run: int) -> np.ndarray:
     return np.repeat(lengths >= run, lengths)
 
 
-def _warn_of_gaps(record: CornerRecord) -> None:
+def _check_gaps(record: CornerRecord) -> None:
     for name in ("a_s", "a_u"):
         missing = ~np.isfinite(getattr(record, name))
         if missing.any():
-            edges = np.flatnonzero(np.diff(np.concatenate([[0], missing, [0]])))
-            longest = record.dt * float(np.max(edges[1::2] - edges[::2]))
+            longest = record.dt * _longest_run(missing)
+            _refuse_long_gap(name, longest)
             _warn(
                 name,
                 f"{int(missing.sum())} of {len(missing)} samples are missing, the longest gap "
@@ -221,5 +241,19 @@ def _warn_of_gaps(record: CornerRecord) -> None:
             )
 
 
+def _longest_run(flags: np.ndarray) -> int:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
+
+
+def _refuse_long_gap(name: str, longest: float) -> None:
+    if longest > _LONGEST_GAP:
+        raise InputError(
+            name,
+            f"there is a gap of {longest:.4g} s without a usable sample",
+            f"Split the log there: gaps up to {_LONGEST_GAP:g} s can be bridged.",
+        )
+
+
 def _warn(field: str, text: str) -> None:
-    warnings.warn(f"{field}: {text}", InputWarning, stacklevel=4)
+    warnings.warn(f"{field}: {text}", InputWarning, stacklevel=5)

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from wheelhop.errors import require_in_range
+from wheelhop.errors import DivergenceError, InputError, require_in_range
 from wheelhop.vehicle.parameters import QuarterCar
-from wheelhop.vehicle.quarter_car import RelativeState, Simulation, simulate
-from wheelhop.vehicle.record import CornerRecord
+from wheelhop.vehicle.quarter_car import Accelerations, RelativeState, Simulation, simulate
+from wheelhop.vehicle.record import LARGEST_ACCELERATION, MINIMUM_SAMPLES, CornerRecord
 from wheelhop.vehicle.road.profile import Profile, elevation_at, without_aliases
 from wheelhop.vehicle.road.shape_filter import elevations, stationary_variance
 from wheelhop.vehicle.sensors import DATASHEET_ACCELEROMETER, Sensor, measure
-from wheelhop.vehicle.tire import stiffness_from_pressure
+from wheelhop.vehicle.tire import require_stiff, stiffness_from_pressure
 
 RATE = 500.0
 """Default sampling rate of a virtual log [Hz]."""
@@ -121,34 +120,77 @@ def drive(
         sensors: of the body and of the wheel.
 
     Raises:
-        InputError: if speed, rate or pressure is out of range.
+        InputError: if speed, rate, duration or pressure is out of range.
+        DivergenceError: if the simulation does not stay physical.
     """
     require_in_range("speed", speed, 1.0, 100.0, "m/s")
     require_in_range("rate", rate, 50.0, 20e3, "Hz")
     require_in_range("pressure", min(pressure.start, pressure.end), 20e3, 1.5e6, "Pa")
     require_in_range("pressure", max(pressure.start, pressure.end), 20e3, 1.5e6, "Pa")
+    require_stiff(car.tire, min(pressure.start, pressure.end))
+    if road_rise.shape[0] < MINIMUM_SAMPLES:
+        raise InputError(
+            "duration",
+            f"{road_rise.shape[0] / rate:.3g} s at {rate:g} Hz are {road_rise.shape[0]} samples",
+            f"Drive longer or sample faster: a log needs {MINIMUM_SAMPLES} samples.",
+        )
     t = np.arange(1, road_rise.shape[0] + 1) / rate
     p = pressure.at(t)
     rise = jnp.asarray(road_rise, float)
-    simulation, a_s, a_u = _simulate_and_measure(
-        key, car, rise, jnp.asarray(p, rise.dtype), 1.0 / rate, sensors
+    zero = jnp.zeros((), rise.dtype)
+    start = RelativeState(zero, zero, zero, zero)
+    simulation, ys = _simulate_and_measure(
+        key, car, start, jnp.asarray(p, rise.dtype), rise, 1.0 / rate, sensors
     )
+    _refuse_runaway(simulation, t)
     record = CornerRecord(
-        t, np.asarray(a_s, float), np.asarray(a_u, float), np.full(len(t), float(speed)), p
+        t, np.asarray(ys.a_s, float), np.asarray(ys.a_u, float), np.full(len(t), float(speed)), p
     )
     return record, jax.tree.map(np.asarray, simulation)
 
 
-@partial(jax.jit)
-def _simulate_and_measure(
-    key: Any, car: QuarterCar, rise: Any, pressure: Any, dt: Any, sensors: tuple[Sensor, Sensor]
-) -> tuple[Simulation, Any, Any]:
-    zero = jnp.zeros((), rise.dtype)
+def simulate_and_measure(
+    key: Any,
+    car: QuarterCar,
+    start: RelativeState,
+    pressure: Any,
+    road_rise: Any,
+    dt: Any,
+    sensors: tuple[Sensor, Sensor],
+) -> tuple[Simulation, Accelerations]:
+    """Truth and measurements of one corner; pure, so it jits and vmaps.
+
+    Args:
+        key: JAX random key of the sensors.
+        car: the corner.
+        start: initial motion.
+        pressure: tyre pressure [Pa], [] or [time].
+        road_rise: rise of the road [m], [time, substeps].
+        dt: sampling interval [s].
+        sensors: of the body and of the wheel.
+    """
     stiffness = stiffness_from_pressure(pressure, car.tire)
-    simulation = simulate(RelativeState(zero, zero, zero, zero), stiffness, rise, dt, car)
+    simulation = simulate(start, stiffness, road_rise, dt, car)
     body, wheel = jax.random.split(key)
-    return (
-        simulation,
+    return simulation, Accelerations(
         measure(body, simulation.accelerations.a_s, sensors[0]),
         measure(wheel, simulation.accelerations.a_u, sensors[1]),
     )
+
+
+_simulate_and_measure = jax.jit(simulate_and_measure)
+
+
+def constant_travel(speed: Any, samples: int, rate: float, substeps: int = SUBSTEPS) -> Any:
+    """Distance [m] driven in every fine step at constant speed [m/s], [time, substeps]."""
+    return jnp.full((samples, substeps), speed / (rate * substeps))
+
+
+def _refuse_runaway(simulation: Simulation, t: np.ndarray) -> None:
+    a_u = np.abs(np.asarray(simulation.accelerations.a_u))
+    bad = np.flatnonzero(~(a_u < LARGEST_ACCELERATION))
+    if bad.size:
+        raise DivergenceError(
+            f"the simulated wheel acceleration leaves {LARGEST_ACCELERATION:g} m/s^2 at t = "
+            f"{t[bad[0]]:.4g} s; check masses and damping, or raise the sampling rate"
+        )

@@ -7,7 +7,7 @@ from typing import Any
 
 import jax
 
-from wheelhop.errors import require_in_range
+from wheelhop.errors import InputError, require_in_range
 
 
 @jax.tree_util.register_dataclass
@@ -55,5 +55,17 @@ def validate(tire: Tire) -> Tire:
     """
     require_in_range("tire.stiffness", tire.stiffness, 2e4, 3e6, "N/m")
     require_in_range("tire.nominal_pressure", tire.nominal_pressure, 5e4, 1.5e6, "Pa")
-    require_in_range("tire.pressure_coefficient", tire.pressure_coefficient, 0.05, 2.0, "(no unit)")
+    require_in_range("tire.pressure_coefficient", tire.pressure_coefficient, 0.05, 1.2, "(no unit)")
     return tire
+
+
+def require_stiff(tire: Tire, lowest_pressure: float) -> None:
+    """Raise `InputError` if the linear law gives no positive stiffness at a pressure [Pa]."""
+    stiffness = float(stiffness_from_pressure(lowest_pressure, tire))
+    if not stiffness > 0.05 * float(tire.stiffness):
+        raise InputError(
+            "tire.pressure_coefficient",
+            f"{float(tire.pressure_coefficient):g} makes the tyre's stiffness {stiffness:.3g} N/m "
+            f"at {lowest_pressure / 1e3:g} kPa",
+            "Use a higher pressure, or a smaller coefficient.",
+        )
