@@ -1,4 +1,4 @@
-"""Strict settings for every test: float64, no silent promotion, warnings are errors."""
+"""Strict settings for every test: types and shapes checked, no promotion, float64."""
 
 import os
 from pathlib import Path
@@ -11,6 +11,7 @@ install_import_hook("wheelhop", "beartype.beartype")
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_compilation_cache_dir", os.environ.get("WHEELHOP_CACHE", "/tmp/wheelhop"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 

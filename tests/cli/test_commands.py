@@ -104,6 +104,19 @@ def test_simulate_then_estimate_on_a_measured_road(work):
     assert truth["rms_error_of_the_prior_Pa"] == pytest.approx(20e3)
 
 
+def test_demo_shows_the_leak_and_writes_it(work):
+    said = call("demo", "--out", "demo")
+    assert "230.0" in said
+    assert "180.0" in said
+    rows = summary(work / "demo")["results"]["over_time"]
+    assert len(rows) == 10
+    assert [row["road_class"] for row in rows].count("B") == 10
+    truth = summary(work / "demo")["results"]["against_truth"]
+    assert truth["rms_error_Pa"] < 60e3
+    for name in ("estimate.png", "estimate.parquet", "log.parquet"):
+        assert (work / "demo" / name).stat().st_size > 10_000
+
+
 def test_the_same_seed_gives_the_same_log(work):
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
         call("simulate", "--road", "iso:B", "--duration", 1, "--seed", seed, "--out", f"{name}.csv")
@@ -194,6 +207,10 @@ def test_float32_is_a_choice(work, log):
         (("road", "LOG"), "Name the distance column x_m"),
         (("montecarlo", "--runs", "1"), "--runs: 1 has no spread"),
         (("vehicle", "--axle", "middle"), "'middle' is not an axle"),
+        (("vehicle", "--load", "1e9"), "quarter_car.sprung_mass"),
+        (("vehicle", "--out", "."), "is a directory"),
+        (("estimate", "LOG", "--out", "ROAD"), "--out"),
+        (("simulate", "--road", "iso:B", "--duration", "0.1", "--rate", "50"), "are 5 samples"),
     ],
 )
 def test_bad_input_ends_with_status_2_one_line_and_nothing_written(work, log, arguments, message):

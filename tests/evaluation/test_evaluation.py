@@ -69,7 +69,7 @@ def test_summary_compares_with_the_truth_and_the_prior():
         np.zeros(1000, int),
     )
     record = CornerRecord(t, ones, ones, 10 * ones, 215e3 * ones)
-    summary = summarise_estimate(result, record, prior_pressure=180e3)
+    summary = summarise_estimate(result, record, prior_pressure=180e3, nominal_pressure=250e3)
     assert summary["most_probable_road_class"] == "B"
     truth = summary["against_truth"]
     assert truth["rms_error_Pa"] == pytest.approx(15e3)
@@ -79,5 +79,9 @@ def test_summary_compares_with_the_truth_and_the_prior():
     assert truth["share_within_2_sigma"] == 1.0
     assert truth["mean_nees"] == pytest.approx(2.25)
     assert "against_truth" not in summarise_estimate(
-        result, CornerRecord(t, ones, ones, 10 * ones), 180e3
+        result, CornerRecord(t, ones, ones, 10 * ones), 180e3, 250e3
     )
+    assert summary["doubts"] == []
+    assert [row["t_s"] for row in summary["over_time"]][-1] == pytest.approx(10.0)
+    doubted = summarise_estimate(result, record, 180e3, nominal_pressure=100e3)["doubts"]
+    assert "200 kPa is no plausible pressure of a tyre of 100 kPa" in doubted[0]

@@ -9,6 +9,7 @@ import pytest
 from wheelhop.errors import InputError
 from wheelhop.io.results import (
     output_directory,
+    require_writable,
     write_atomically,
     write_json,
     write_table,
@@ -45,29 +46,45 @@ def test_a_bad_vehicle_file_is_told(tmp_path, old, new, message):
         read_vehicle(path)
 
 
+def write_road(path, header, *columns):
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=header, comments="")
+    return path
+
+
 def test_a_road_with_several_tracks(tmp_path):
     x = 0.1 * np.arange(50)
-    rows = np.column_stack([x, np.sin(x), np.cos(x), x])
-    path = tmp_path / "road.csv"
-    np.savetxt(path, rows, delimiter=",", header="x_m,left,middle,right", comments="")
-    np.testing.assert_allclose(read_road(path).elevation, np.cos(x), atol=1e-12)
-    np.testing.assert_allclose(read_road(path, "left").elevation, np.sin(x), atol=1e-12)
-    with pytest.raises(InputError, match="Use one of left, middle, right"):
+    path = write_road(
+        tmp_path / "r.csv", "x_m,speed,z_left,z_mid,z_right", x, 9 * x, np.sin(x), np.cos(x), x
+    )
+    profile, name = read_road(path)
+    assert name == "z_mid"
+    np.testing.assert_allclose(profile.elevation, np.cos(x), atol=1e-12)
+    np.testing.assert_allclose(read_road(path, "z_left")[0].elevation, np.sin(x), atol=1e-12)
+    with pytest.raises(InputError, match="Use one of z_left, z_mid, z_right"):
         read_road(path, "centre")
 
 
-def test_a_road_in_millimetres(tmp_path):
-    path = tmp_path / "road.csv"
-    rows = np.column_stack([np.arange(20), np.arange(20)])
-    np.savetxt(path, rows, delimiter=",", header="x [m],z [mm]", comments="")
-    assert read_road(path).elevation[-1] == pytest.approx(0.019)
+@pytest.mark.parametrize("header", ["x [m],z [mm]", "x_m,z_mm", "x_km,z [mm]"])
+def test_a_road_declares_its_units(tmp_path, header):
+    x = np.arange(20.0) * (1e-3 if "km" in header else 1.0)
+    profile, _ = read_road(write_road(tmp_path / "r.csv", header, x, np.arange(20.0)))
+    assert profile.elevation[-1] == pytest.approx(0.019)
+    assert profile.length == pytest.approx(19.0)
 
 
-def test_a_road_without_distance_is_told(tmp_path):
-    path = tmp_path / "road.csv"
-    path.write_text("s,z\n0,1\n")
-    with pytest.raises(InputError, match="Name the distance column x_m"):
-        read_road(path)
+@pytest.mark.parametrize(
+    ("header", "x", "z", "message"),
+    [
+        ("s,z", np.arange(9.0), np.arange(9.0), "Name the distance column x_m"),
+        ("x_m,height", np.arange(9.0), np.arange(9.0), "choose a column with --track"),
+        ("x_m,z [bar]", np.arange(9.0), np.arange(9.0), "'bar' is not a unit of length"),
+        ("x_m,z_m", 0.1 * np.arange(99), 50.0 * (-1.0) ** np.arange(99), "write z_mm"),
+        ("x_m,z_m", np.r_[np.arange(9.0), 60 + np.arange(9.0)], np.zeros(18), "a hole of 52 m"),
+    ],
+)
+def test_an_unusable_road_file_is_told(tmp_path, header, x, z, message):
+    with pytest.raises(InputError, match=message):
+        read_road(write_road(tmp_path / "r.csv", header, x, z))
 
 
 def test_a_failing_write_leaves_the_old_file_and_no_litter(tmp_path):
@@ -103,3 +120,9 @@ def test_a_file_in_the_place_of_the_output_directory_is_told(tmp_path):
     (tmp_path / "out").write_text("")
     with pytest.raises(InputError, match="no usable directory"):
         output_directory(tmp_path / "out")
+    with pytest.raises(InputError, match="no usable directory"):
+        require_writable(tmp_path / "out" / "deeper")
+    with pytest.raises(InputError, match="is a directory"):
+        write_json(tmp_path, {})
+    require_writable(tmp_path / "new" / "deeper")
+    assert not (tmp_path / "new").exists()

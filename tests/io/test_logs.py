@@ -116,6 +116,14 @@ def damaged(kind):
         a_u *= 1e6
     elif kind == "short":
         t, a_s, a_u, v = (c[:20] for c in (t, a_s, a_u, v))
+    elif kind == "two levels":
+        a_u[:250], a_u[250:] = 1.0, 2.0
+    elif kind == "nan gap":
+        t = np.arange(1, 2001) / 500
+        a_s, a_u, v = np.tile(a_s, 4), np.tile(a_u, 4), np.tile(v, 4)
+        a_s[300:1400] = np.nan
+    elif kind == "standstill":
+        v[:480] = 0.1
     elif kind == "no speed":
         v[:] = np.nan
     elif kind == "no time":
@@ -142,6 +150,9 @@ def damaged(kind):
         ("gravity", r"a_s: its mean is 9\.\d+ m/s\^2: gravity is still in it"),
         ("huge", "a_u: it reaches"),
         ("short", "t: the log has 20 samples"),
+        ("two levels", "a_u: only 0 of 500 samples can be used"),
+        ("nan gap", r"a_s: there is a gap of 2\.2 s without a usable sample"),
+        ("standstill", "v: the vehicle is slower than 1 m/s for 96 % of the log"),
         ("no speed", "v: no speed in any row"),
         ("no time", "t: no time at data row 4"),
     ],
@@ -161,6 +172,7 @@ def test_files_that_are_no_tables_are_told(tmp_path):
         "text.csv": (HEADER + "\n1,2,x,4\n").encode(),
         "ragged.csv": (HEADER + "\n1,2,3\n").encode(),
         "binary.csv": bytes(range(256)),
+        "long.csv": (HEADER + "\n" + "1" * 200_000 + ",2,3,4\n").encode(),
         "broken.parquet": b"PAR1 not really",
         "log.xlsx": b"something",
     }
@@ -170,7 +182,8 @@ def test_files_that_are_no_tables_are_told(tmp_path):
         "header.csv": "no data rows",
         "text.csv": r"line 2, column 'a_u': 'x' is not a number",
         "ragged.csv": "line 2 has 3 cells and the header 4",
-        "binary.csv": "not a text file",
+        "binary.csv": "not a CSV text",
+        "long.csv": "not a CSV text",
         "broken.parquet": "not a readable Parquet file",
         "log.xlsx": "not a known table",
     }
@@ -230,6 +243,24 @@ def test_an_unknown_field_in_the_toml_is_told(tmp_path):
     (tmp_path / "log.toml").write_text('[units]\naccel = "g"\n')
     with pytest.raises(InputError, match="'accel' is no field"):
         read_log(path)
+    (tmp_path / "log.toml").write_text("[units]\nt = 5\n")
+    with pytest.raises(InputError, match="5 is no text"):
+        read_log(path)
+    (tmp_path / "log.toml").write_text("units = 3\n")
+    with pytest.raises(InputError, match=r"Write \[units\]"):
+        read_log(path)
     (tmp_path / "log.toml").write_text("[units\n")
     with pytest.raises(InputError, match="not TOML"):
         read_log(path)
+
+
+def test_a_directory_an_upper_case_ending_and_a_text_column(tmp_path):
+    with pytest.raises(InputError, match="it is a directory"):
+        read_log(tmp_path)
+    r = good_record()
+    path = write_csv(tmp_path / "LOG.CSV", HEADER, columns(r))
+    np.testing.assert_allclose(read_log(path).v, r.v)
+    texts = pa.table({"t [s]": r.t, "a_s": ["x"] * len(r.t)})
+    pq.write_table(texts, tmp_path / "log.parquet")
+    with pytest.raises(InputError, match=r"a_s \(string, no numbers\)"):
+        read_log(tmp_path / "log.parquet")

@@ -1,11 +1,13 @@
 """A virtual drive: the road under the wheel, the leak, and the log it leaves."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from wheelhop.errors import InputError
+from wheelhop.errors import DivergenceError, InputError
 from wheelhop.vehicle.parameters import brancati_suv
 from wheelhop.vehicle.road import Profile, class_level, road_velocity_intensity
 from wheelhop.vehicle.scenario import (
@@ -73,3 +75,21 @@ def test_an_ideal_log_is_the_simulation():
 def test_impossible_drives_are_named(pressure, speed, message):
     with pytest.raises(InputError, match=message):
         drive(jax.random.key(0), CAR, np.zeros((60, 4)), pressure, speed)
+
+
+def test_a_tyre_that_would_pull_is_named():
+    soft = replace(CAR, tire=replace(CAR.tire, pressure_coefficient=1.2))
+    with pytest.raises(InputError, match=r"tire\.pressure_coefficient: 1\.2 makes the tyre"):
+        drive(jax.random.key(0), soft, np.zeros((60, 4)), constant_pressure(40e3), 15.0)
+
+
+def test_too_few_samples_are_named():
+    with pytest.raises(InputError, match="are 7 samples"):
+        drive(jax.random.key(0), CAR, np.zeros((7, 4)), constant_pressure(2e5), 15.0)
+
+
+def test_an_unstable_simulation_is_not_written_as_a_log():
+    stiff = replace(CAR, unsprung_mass=5.0, suspension=replace(CAR.suspension, damping=2e4))
+    rise = 1e-4 * np.random.default_rng(0).normal(size=(300, 1))
+    with pytest.raises(DivergenceError, match="raise the sampling rate"):
+        drive(jax.random.key(0), stiff, rise, constant_pressure(2e5), 15.0, 100.0)

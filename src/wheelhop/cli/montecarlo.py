@@ -26,7 +26,7 @@ from wheelhop.estimators.immuf import Tuning
 from wheelhop.evaluation.consistency import mean_band
 from wheelhop.evaluation.errors import ErrorStatistics, error_statistics
 from wheelhop.io.results import output_directory, write_figure, write_json, write_table
-from wheelhop.montecarlo.campaign import run_campaign
+from wheelhop.montecarlo.campaign import finished_runs, run_campaign
 from wheelhop.montecarlo.run import RunResult, report_times
 from wheelhop.montecarlo.scenarios import CampaignSettings, validate_settings
 from wheelhop.montecarlo.summary import summarise_campaign
@@ -72,6 +72,8 @@ def montecarlo(
     with computing(precision):
         car, name = load_vehicle(vehicle)
         directory = output_directory(out)
+        if done := finished_runs(directory / "runs", settings, car):
+            console.print(f"resuming: {done} of {runs} runs are in {directory / 'runs'} already")
         with progress_bar("Monte Carlo", "runs") as advance:
             result = run_campaign(settings, car, directory / "runs", advance)
     t = report_times(settings)

@@ -9,9 +9,15 @@ from typing import Annotated, TypeVar
 import typer
 from rich.table import Table
 
-from wheelhop.cli.session import OutDirectory, Seed, command, console, provenance, say_files
+from wheelhop.cli.session import OutDirectory, UnusedSeed, command, console, provenance, say_files
 from wheelhop.errors import InputError
-from wheelhop.io.results import output_directory, write_figure, write_json, write_table
+from wheelhop.io.results import (
+    output_directory,
+    require_writable,
+    write_figure,
+    write_json,
+    write_table,
+)
 from wheelhop.io.roads import read_road
 from wheelhop.plots import plot_road
 from wheelhop.vehicle.road import fit_iso8608, iri, profile_psd
@@ -24,23 +30,26 @@ def road(
     profile: Annotated[Path, typer.Argument(help="CSV or Parquet: x_m and one column a track.")],
     track: Annotated[str | None, typer.Option(help="Elevation column; default the middle.")] = None,
     out: OutDirectory = Path("wheelhop-road"),
-    seed: Seed = 0,
+    seed: UnusedSeed = 0,
 ) -> None:
     """Measure a road profile: length, roughness index, ISO 8608 level, waviness and class.
 
     Example: wheelhop road road.csv --out road
     """
-    measured = read_road(profile, track)
+    require_writable(out)
+    measured, name = read_road(profile, track)
     spectrum = profile_psd(measured)
     fit = _or_none(lambda: fit_iso8608(spectrum), "the ISO 8608 fit")
     roughness = _or_none(lambda: iri(measured), "the roughness index")
     results: dict[str, object] = {
+        "track": name,
         "length_m": measured.length,
         "spacing_m": measured.spacing,
         "points": len(measured.elevation),
         "iri_m_per_km": roughness,
     }
     rows = [
+        ("track", name),
         ("length", f"{measured.length:.2f} m"),
         ("spacing", f"{measured.spacing:.4g} m"),
         ("roughness index IRI", "-" if roughness is None else f"{roughness:.2f} m/km"),
@@ -70,7 +79,9 @@ def road(
         {"frequency": spectrum.frequency, "density": spectrum.density},
         {"frequency": "1/m", "density": "m^3"},
     )
-    write_figure(directory / "road.png", plot_road(measured, spectrum, fit, profile.name))
+    write_figure(
+        directory / "road.png", plot_road(measured, spectrum, fit, f"{profile.name}, {name}")
+    )
     made_by = provenance("road", "float64", road=str(profile), track=track, seed=seed)
     write_json(directory / "summary.json", {**made_by, "results": results})
     say_files(directory, "road.png", "psd.parquet", "summary.json")

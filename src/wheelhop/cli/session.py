@@ -25,6 +25,9 @@ PRECISIONS = ("float64", "float32")
 
 OutDirectory = Annotated[Path, typer.Option("--out", help="Directory for the results.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")]
+UnusedSeed = Annotated[
+    int, typer.Option("--seed", min=0, help="Kept in the summary; nothing here is random.")
+]
 Precision = Annotated[str, typer.Option("--precision", help="float64 or float32.")]
 
 Command = TypeVar("Command", bound=Callable[..., Any])

@@ -13,7 +13,7 @@ from wheelhop.cli.session import Precision, Seed, command, computing, console, p
 from wheelhop.cli.vehicle import VehicleFile, load_vehicle
 from wheelhop.errors import InputError, require_in_range
 from wheelhop.io.logs import write_log
-from wheelhop.io.results import output_directory, write_figure, write_json
+from wheelhop.io.results import output_directory, require_writable, write_figure, write_json
 from wheelhop.io.roads import read_road
 from wheelhop.plots import plot_log
 from wheelhop.vehicle import sensors
@@ -74,6 +74,9 @@ def simulate(
     Example: wheelhop simulate --road road.csv --pressure 180 --speed 60 --out drive.csv
     """
     log = out if out.suffix in (".csv", ".parquet") else out / "log.parquet"
+    require_writable(log.parent)
+    if log.is_dir():
+        raise InputError("--out", f"{log} is a directory", "Name a file, or another directory.")
     metres_per_second = speed / 3.6
     require_in_range("--speed", speed, 3.6, 360.0, "km/h")
     require_in_range("--pressure", pressure, 20.0, 1500.0, "kPa")
@@ -90,7 +93,7 @@ def simulate(
                 road_key, road[4:], metres_per_second, seconds, rate, waviness, convention
             )
         else:
-            profile = read_road(Path(road), track)
+            profile, track = read_road(Path(road), track)
             once = profile.length / metres_per_second
             seconds = duration or np.floor(once * rate) / rate
             rise = _measured_road(profile, metres_per_second, seconds, rate, reflect, once)

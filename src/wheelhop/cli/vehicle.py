@@ -12,7 +12,7 @@ from rich.table import Table
 from wheelhop.cli.session import command, console
 from wheelhop.errors import InputError
 from wheelhop.io.vehicles import read_vehicle, write_vehicle
-from wheelhop.vehicle.parameters import QuarterCar, brancati_suv
+from wheelhop.vehicle.parameters import QuarterCar, brancati_suv, validate
 from wheelhop.vehicle.tire import stiffness_from_pressure
 
 DEFAULT_VEHICLE = "Brancati & Tufano 2022 SUV, front-left corner"
@@ -40,7 +40,7 @@ def vehicle(
 
     Example: wheelhop vehicle --axle rear --load 140 --out rear.toml
     """
-    car = brancati_suv(axle, load)
+    car = validate(brancati_suv(axle, load))
     table = Table("quantity", "value", "unit", title=f"{axle} corner, payload {load:g} kg")
     rows = [
         ("sprung mass", f"{car.sprung_mass:.1f}", "kg"),
@@ -59,5 +59,7 @@ def vehicle(
     if out is not None:
         if not out.parent.is_dir():
             raise InputError("--out", f"{out.parent} is no directory", "Make it first.")
+        if out.is_dir():
+            raise InputError("--out", f"{out} is a directory", "Name a file, as corner.toml.")
         write_vehicle(out, car, f"wheelhop quarter car: {axle} corner, payload {load:g} kg")
         console.print(f"wrote {out}", soft_wrap=True)

@@ -22,7 +22,7 @@ from wheelhop.filtering import Info, InteractingState, drive
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.quarter_car import Accelerations
 from wheelhop.vehicle.record import CornerRecord
-from wheelhop.vehicle.tire import pressure_from_stiffness, pressure_slope
+from wheelhop.vehicle.tire import pressure_from_stiffness, pressure_slope, require_stiff
 
 _CHUNK = 500
 
@@ -93,6 +93,7 @@ def estimate_pressure(
         InputError: if tuning or classes are not usable.
         DivergenceError: if the filter leaves the finite numbers.
     """
+    require_stiff(car.tire, tuning.prior_pressure)
     dt = record.dt
     filter = immuf(dt)
     params = immuf_params(cars or car, record.v[0], dt, tuning, classes)

@@ -13,9 +13,21 @@ from wheelhop.vehicle.record import CornerRecord
 SETTLING_TIME = 2.0
 """Time [s] after which errors are judged (a quarter of a shorter record)."""
 
+WORST_NIS = 2.4
+"""Mean NIS beyond which the members' models are doubted; 2 where a single one fits."""
+
+PLAUSIBLE_PRESSURE = (0.2, 1.6)
+"""Range of plausible pressures, relative to the nominal one."""
+
+_ROWS = 10
+_MODE_WINDOW = 0.5
+
 
 def summarise_estimate(
-    estimate: PressureEstimate, record: CornerRecord, prior_pressure: float
+    estimate: PressureEstimate,
+    record: CornerRecord,
+    prior_pressure: float,
+    nominal_pressure: float,
 ) -> dict[str, Any]:
     """Result and quality of an estimate; SI units, named in the keys.
 
@@ -23,6 +35,7 @@ def summarise_estimate(
         estimate: over the record.
         record: the log; where it holds the true pressure, errors are added.
         prior_pressure: the guess [Pa] that an estimate has to beat.
+        nominal_pressure: of the tyre [Pa], for what is plausible.
     """
     t = estimate.t
     complete = estimate.missing == 0
@@ -44,9 +57,49 @@ def summarise_estimate(
         "mean_nis": nis,
         "mean_nis_of_a_single_filter_that_fits": 2.0,
     }
+    summary["doubts"] = _doubts(summary, nominal_pressure)
+    summary["over_time"] = _rows(estimate, record)
     if record.pressure is not None and np.isfinite(record.pressure).any():
         summary["against_truth"] = _against_truth(estimate, record.pressure, prior_pressure)
     return summary
+
+
+def _doubts(summary: dict[str, Any], nominal_pressure: float) -> list[str]:
+    """Reasons not to use the estimate, in plain words; none where nothing speaks against it."""
+    doubts = []
+    if summary["mean_nis"] > WORST_NIS:
+        doubts.append(
+            "the innovations are larger than any member expects: the road is rougher than the "
+            "classes, or the vehicle's parameters are wrong"
+        )
+    low, high = (factor * nominal_pressure for factor in PLAUSIBLE_PRESSURE)
+    final = summary["final_pressure_Pa"]
+    if not low < final < high:
+        doubts.append(
+            f"{final / 1e3:.0f} kPa is no plausible pressure of a tyre of "
+            f"{nominal_pressure / 1e3:.0f} kPa: do not use this estimate"
+        )
+    return doubts
+
+
+def _rows(estimate: PressureEstimate, record: CornerRecord) -> list[dict[str, Any]]:
+    """The estimate at ten times; the road class is averaged over the half second before."""
+    window = max(1, round(_MODE_WINDOW / record.dt))
+    times = np.unique(np.linspace(0, len(estimate.t) - 1, _ROWS + 1).round().astype(int)[1:])
+    rows = []
+    for k in times:
+        share = estimate.mode_probabilities[max(0, k + 1 - window) : k + 1].mean(axis=0)
+        row = {
+            "t_s": float(estimate.t[k]),
+            "pressure_Pa": float(estimate.pressure[k]),
+            "pressure_sigma_Pa": float(estimate.pressure_sigma[k]),
+            "road_class": estimate.modes[int(np.argmax(share))],
+            "road_class_probability": float(share.max()),
+        }
+        if record.pressure is not None:
+            row["true_pressure_Pa"] = float(record.pressure[k])
+        rows.append(row)
+    return rows
 
 
 def _against_truth(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from wheelhop.errors import InputError
 from wheelhop.io.results import write_table
+from wheelhop.io.settings import read_toml
 from wheelhop.io.tables import Table, read_table
 from wheelhop.io.units import to_si
 from wheelhop.vehicle.record import CornerRecord, checked_record
@@ -66,7 +66,7 @@ def _column(
     if name not in table.columns:
         raise InputError(
             f"column {name!r}",
-            f"{table.path.name} has only {', '.join(table.columns)}",
+            f"{table.path.name} has only {table.contents}",
             f'Add the column, or name it in a TOML file: [columns] {field} = "...".',
         )
     unit = units.get(field) or table.units.get(name)
@@ -84,24 +84,18 @@ def _read_declaration(path: Path) -> tuple[dict[str, str], dict[str, str]]:
     content = read_toml(path)
     known = {*REQUIRED, *OPTIONAL}
     for section in ("units", "columns"):
-        for field in content.get(section, {}):
+        fields = content.get(section, {})
+        if not isinstance(fields, dict):
+            raise InputError(
+                f"{path.name} {section}", f"{fields!r} is no section", f"Write [{section}]."
+            )
+        for field, value in fields.items():
             if field not in known:
                 raise InputError(
                     f"{path.name} [{section}]", f"{field!r} is no field", f"Use {sorted(known)}."
                 )
+            if not isinstance(value, str):
+                raise InputError(
+                    f"{path.name} [{section}] {field}", f"{value!r} is no text", "Put it in quotes."
+                )
     return content.get("units", {}), content.get("columns", {})
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """Content of a TOML file.
-
-    Raises:
-        InputError: if it is missing or not TOML.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(str(path), "there is no such file", "Check the path.")
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"it is not TOML ({error})", "Mend that line.") from error

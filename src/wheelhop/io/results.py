@@ -22,16 +22,29 @@ def output_directory(path: Path) -> Path:
     Raises:
         InputError: if it cannot be made or written to.
     """
-    path = Path(path)
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
+    require_writable(path)
+    Path(path).mkdir(parents=True, exist_ok=True)
+    return Path(path)
+
+
+def require_writable(path: Path) -> None:
+    """Refuse a place for results that cannot be made, before any work is done for it.
+
+    Args:
+        path: the directory that will hold the results; nothing is created yet.
+
+    Raises:
+        InputError: if it, or the nearest parent that exists, is not a writable directory.
+    """
+    place = Path(path).absolute()
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    if not place.is_dir():
         raise InputError(
-            "--out", f"{path} is no usable directory ({error.strerror})", "Name another one."
-        ) from error
-    if not os.access(path, os.W_OK):
-        raise InputError("--out", f"{path} cannot be written to", "Name another directory.")
-    return path
+            "--out", f"{path} is no usable directory ({place} is a file)", "Name another one."
+        )
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise InputError("--out", f"{place} cannot be written to", "Name another directory.")
 
 
 def write_atomically(path: Path, write: Callable[[Path], Any]) -> Path:
@@ -40,6 +53,8 @@ def write_atomically(path: Path, write: Callable[[Path], Any]) -> Path:
     An interrupted or failing write leaves the previous file, if any, untouched.
     """
     path = Path(path)
+    if path.is_dir():
+        raise InputError("--out", f"{path} is a directory", "Name a file, or another directory.")
     handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
     os.close(handle)
     temporary = Path(name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,57 +12,53 @@ from wheelhop.io.tables import Table, read_table
 from wheelhop.io.units import to_si
 from wheelhop.vehicle.road.profile import Profile, profile_from_samples
 
+_DISTANCE = re.compile(r"x(_[a-z]+)?")
+_SUFFIX = re.compile(r".*_(m|mm|cm|ft|in|km)")
 
-def read_road(path: Path, track: str | None = None) -> Profile:
+
+def read_road(path: Path, track: str | None = None) -> tuple[Profile, str]:
     """Read one track of a road profile.
 
-    The file has a column x_m (or `x [unit]`) and one elevation column a track: z_m, or any
-    names. Elevations without a declared unit are metres.
+    The distance is a column x_m (or `x [unit]`, x_mm, ...), an elevation a column whose name
+    begins with z: z_m, `z [mm]`, z_left. The unit stands in brackets or as the name's ending;
+    without either it is metres.
 
     Args:
         path: CSV or Parquet file.
         track: elevation column to read; the only one, or the middle one, by default.
 
+    Returns:
+        The profile, and the name of the column it was read from.
+
     Raises:
         InputError: naming the column or file, what was found, and the remedy.
     """
     table = read_table(Path(path))
-    x_name = next((n for n in ("x_m", "x") if n in table.columns), None)
+    x_name = next((n for n in table.columns if _DISTANCE.fullmatch(n)), None)
     if x_name is None:
         raise InputError(
             "column 'x_m'",
-            f"{table.path.name} has only {', '.join(table.columns)}",
+            f"{table.path.name} has only {table.contents}",
             "Name the distance column x_m [m].",
         )
-    name = track or default_track(table, x_name)
+    names = [n for n in table.columns if n.startswith("z")]
+    if track is None and not names:
+        raise InputError(
+            "column 'z_m'",
+            f"{table.path.name} has only {table.contents}",
+            "Name the elevation column z_m [m], or choose a column with --track.",
+        )
+    name = track if track is not None else names[len(names) // 2]
     if name not in table.columns or name == x_name:
         raise InputError(
             "--track",
             f"{table.path.name} has no elevation column {name!r}",
-            f"Use one of {', '.join(tracks(table, x_name))}.",
+            f"Use one of {', '.join(names) or table.contents}.",
         )
-    return profile_from_samples(_metres(table, x_name), _metres(table, name))
-
-
-def tracks(table: Table, x_name: str = "x_m") -> list[str]:
-    """Names of a road table's elevation columns."""
-    return [n for n in table.columns if n != x_name]
-
-
-def default_track(table: Table, x_name: str = "x_m") -> str:
-    """The only elevation column, or the middle one of several.
-
-    Raises:
-        InputError: if there is none.
-    """
-    names = tracks(table, x_name)
-    if not names:
-        raise InputError(
-            "column 'z_m'", f"{table.path.name} has only {x_name}", "Add elevations in z_m [m]."
-        )
-    return names[len(names) // 2]
+    return profile_from_samples(_metres(table, x_name), _metres(table, name)), name
 
 
 def _metres(table: Table, name: str) -> np.ndarray:
-    unit = table.units.get(name, "m")
+    suffix = _SUFFIX.fullmatch(name)
+    unit = table.units.get(name) or (suffix[1] if suffix else "m")
     return table.columns[name] * to_si(f"column {name!r}", "length", unit)

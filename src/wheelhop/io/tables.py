@@ -18,11 +18,20 @@ _HEADER = re.compile(r"^\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$
 
 @dataclass(frozen=True)
 class Table:
-    """Columns by name, the unit each declares (if any), and where they came from."""
+    """Columns by name, the unit each declares (if any), and where they came from.
+
+    `others` describes columns that were left out because they hold no numbers.
+    """
 
     path: Path
     columns: dict[str, np.ndarray]
     units: dict[str, str]
+    others: tuple[str, ...] = ()
+
+    @property
+    def contents(self) -> str:
+        """What the file holds, for a message."""
+        return ", ".join([*self.columns, *self.others])
 
 
 def read_table(path: Path) -> Table:
@@ -35,13 +44,15 @@ def read_table(path: Path) -> Table:
             cell that is not a number.
     """
     path = Path(path)
+    if path.is_dir():
+        raise InputError(str(path), "it is a directory", "Name the file in it.")
     if not path.is_file():
         raise InputError(str(path), "there is no such file", "Check the path.")
     if path.stat().st_size == 0:
         raise InputError(str(path), "the file is empty", "Give a file with a header and data.")
-    if path.suffix == ".csv":
+    if path.suffix.lower() == ".csv":
         return _read_csv(path)
-    if path.suffix == ".parquet":
+    if path.suffix.lower() == ".parquet":
         return _read_parquet(path)
     raise InputError(
         str(path), f"{path.suffix or 'no ending'!r} is not a known table", "Use .csv or .parquet."
@@ -52,13 +63,15 @@ def _read_csv(path: Path) -> Table:
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             lines = [(i, line) for i, line in enumerate(stream, 1) if _is_content(line)]
-    except UnicodeDecodeError as error:
+        rows = list(csv.reader(line for _, line in lines))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(str(path), "it is not a CSV text", "Export it as CSV in UTF-8.") from error
+    except OSError as error:
         raise InputError(
-            str(path), "it is not a text file", "Export it as CSV in UTF-8."
+            str(path), f"it cannot be read ({error.strerror})", "Check its permissions."
         ) from error
     if len(lines) < 2:
         raise InputError(str(path), "it has no data rows", "Give a header row and data rows.")
-    rows = list(csv.reader(line for _, line in lines))
     names, units = _split_units(path, rows[0])
     values = np.empty((len(rows) - 1, len(names)))
     for k, row in enumerate(rows[1:]):
@@ -83,15 +96,17 @@ def _read_parquet(path: Path) -> Table:
     if table.num_rows == 0:
         raise InputError(str(path), "it has no data rows", "Give a file with data.")
     names, units = _split_units(path, table.schema.names)
-    columns = {}
+    columns: dict[str, np.ndarray] = {}
+    others: list[str] = []
     for name, field, column in zip(names, table.schema, table.columns, strict=True):
         if not (pa.types.is_floating(field.type) or pa.types.is_integer(field.type)):
+            others.append(f"{name} ({field.type}, no numbers)")
             continue
         columns[name] = column.cast(pa.float64()).to_numpy(zero_copy_only=False)
         declared = (field.metadata or {}).get(b"unit", b"").decode()
         if declared:
             units[name] = declared
-    return Table(path, columns, units)
+    return Table(path, columns, units, tuple(others))
 
 
 def _split_units(path: Path, header: list[str]) -> tuple[list[str], dict[str, str]]:

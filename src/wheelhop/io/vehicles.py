@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from wheelhop.errors import InputError
-from wheelhop.io.logs import read_toml
 from wheelhop.io.results import write_atomically
+from wheelhop.io.settings import read_toml
 from wheelhop.vehicle.parameters import QuarterCar, validate
 from wheelhop.vehicle.suspension import Suspension
 from wheelhop.vehicle.tire import Tire

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import zipfile
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
@@ -13,11 +15,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from wheelhop import __version__
 from wheelhop.errors import DivergenceError, InputError
 from wheelhop.io.results import write_atomically, write_json
 from wheelhop.montecarlo.run import RunResult, run_one
 from wheelhop.montecarlo.scenarios import CampaignSettings, validate_settings
 from wheelhop.vehicle.parameters import QuarterCar
+from wheelhop.vehicle.tire import require_stiff
 
 CHUNK = 100
 """Runs in one jitted call: they fit the cache, and an interruption loses one call at most."""
@@ -46,8 +50,10 @@ def run_campaign(
         DivergenceError: if a run left the finite numbers.
     """
     validate_settings(settings)
+    require_stiff(car.tire, min(settings.pressure[0], settings.tuning.prior_pressure))
+    key = _key(settings, car)
     if store is not None:
-        _open_store(Path(store), settings, car)
+        _open_store(Path(store), key)
     size = min(CHUNK, settings.runs)
     chunk = jax.jit(jax.vmap(partial(run_one, settings), in_axes=(None, 0)))
     car = jax.tree.map(lambda a: jnp.asarray(a, float), car)
@@ -55,52 +61,73 @@ def run_campaign(
     for first in range(0, settings.runs, size):
         count = min(size, settings.runs - first)
         file = None if store is None else Path(store) / f"runs-{first:07d}.npz"
-        if file is not None and file.is_file():
-            piece = _load(file)
-        else:
+        piece = None if file is None else _load(file, key)
+        if piece is None:
             piece = jax.tree.map(np.asarray, chunk(car, first + jnp.arange(size)))
             piece = jax.tree.map(lambda a, n=count: a[:n], piece)
             _raise_if_diverged(piece, first)
             if file is not None:
-                _save(file, piece)
+                _save(file, piece, key)
         pieces.append(piece)
         if on_progress is not None:
             on_progress(first + count, settings.runs)
     return jax.tree.map(lambda *a: np.concatenate(a), *pieces)
 
 
-def _open_store(store: Path, settings: CampaignSettings, car: QuarterCar) -> None:
-    content = json.loads(
-        json.dumps(
-            {
-                "settings": asdict(settings),
-                "car": jax.tree.map(float, asdict(car)),
-                "precision": str(jnp.zeros(()).dtype),
-            }
-        )
-    )
+def finished_runs(store: Path, settings: CampaignSettings, car: QuarterCar) -> int:
+    """Number of runs of this very campaign that a store already holds."""
+    key = _key(settings, car)
+    files = sorted(Path(store).glob("runs-*.npz"))
+    return sum(len(piece.error) for f in files if (piece := _load(f, key)) is not None)
+
+
+def _key(settings: CampaignSettings, car: QuarterCar) -> str:
+    """What a result depends on, as text: settings, vehicle, precision and versions."""
+    content = {
+        "settings": asdict(settings),
+        "car": jax.tree.map(float, asdict(car)),
+        "precision": str(jnp.zeros(()).dtype),
+        "wheelhop": __version__,
+        "jax": jax.__version__,
+    }
+    return json.dumps(content, sort_keys=True)
+
+
+def _open_store(store: Path, key: str) -> None:
     store.mkdir(parents=True, exist_ok=True)
     file = store / "campaign.json"
-    if file.is_file() and json.loads(file.read_text()) != content:
-        raise InputError(
-            "--out",
-            f"{store} holds finished runs of another campaign",
-            "Give another directory, or remove that one to start afresh.",
-        )
-    write_json(file, content)
+    if file.is_file():
+        try:
+            found = json.dumps(json.loads(file.read_text()), sort_keys=True)
+        except ValueError:
+            found = ""
+        if found != key:
+            raise InputError(
+                "--out",
+                f"{store} holds finished runs of another campaign (settings, vehicle, precision "
+                "or version differ)",
+                "Give another directory, or remove that one to start afresh.",
+            )
+    write_json(file, json.loads(key))
 
 
-def _save(file: Path, piece: RunResult) -> None:
+def _save(file: Path, piece: RunResult, key: str) -> None:
     def write(path: Path) -> None:
         with path.open("wb") as stream:
-            np.savez(stream, **piece._asdict())
+            np.savez(stream, campaign=np.array(key), **piece._asdict())
 
     write_atomically(file, write)
 
 
-def _load(file: Path) -> RunResult:
-    with np.load(file) as content:
-        return RunResult(**{name: content[name] for name in RunResult._fields})
+def _load(file: Path, key: str) -> RunResult | None:
+    """A finished chunk of this campaign, or None where it is another's or damaged."""
+    try:
+        with np.load(io.BytesIO(file.read_bytes())) as content:
+            if str(content["campaign"]) != key:
+                return None
+            return RunResult(**{name: content[name] for name in RunResult._fields})
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        return None
 
 
 def _raise_if_diverged(piece: Any, first: int) -> None:

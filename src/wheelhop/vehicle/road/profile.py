@@ -14,6 +14,8 @@ from wheelhop.errors import InputError, InputWarning
 
 _UNIFORM_TOLERANCE = 1e-3
 _MINIMUM_POINTS = 8
+_LONGEST_HOLE = 5.0
+_STEEPEST = 2.0
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,21 @@ def profile_from_samples(
             "Sort the rows by distance and remove repeated ones.",
         )
     spacing = float(np.median(gaps))
+    widest = int(np.argmax(gaps))
+    if gaps[widest] > _LONGEST_HOLE * spacing:
+        raise InputError(
+            "x_m",
+            f"there is a hole of {gaps[widest]:g} m at row {widest + 2} of the data, with points "
+            f"every {spacing:g} m elsewhere",
+            "Cut the road there, or fill it with measured points.",
+        )
+    slope = float(np.median(np.abs(np.diff(z) / gaps)))
+    if slope > _STEEPEST:
+        raise InputError(
+            "z_m",
+            f"the road is as steep as {slope:.3g} m/m half of the time",
+            "Check the unit of the elevation: write z_mm or 'z [mm]' if it is in millimetres.",
+        )
     if np.max(np.abs(gaps - spacing)) <= _UNIFORM_TOLERANCE * spacing:
         return Profile((x[-1] - x[0]) / (len(x) - 1), z)
     warnings.warn(

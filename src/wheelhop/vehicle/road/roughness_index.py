@@ -12,6 +12,7 @@ SPEED = 80.0 / 3.6
 _K_TIRE, _K_SUSPENSION, _DAMPING, _MASS_RATIO = 653.0, 63.3, 6.0, 0.15
 _BASE_LENGTH = 0.25
 _LEAD_IN = 11.0
+_WIDEST_SPACING = 0.3
 
 
 def golden_car() -> tuple[np.ndarray, np.ndarray]:
@@ -44,13 +45,20 @@ def rectified_slope(profile: Profile, moving_average: bool = True) -> np.ndarray
             for profiles sampled more finely than that.
 
     Raises:
-        InputError: if the road is shorter than the golden car's 11 m lead-in.
+        InputError: if the road is shorter than the golden car's 11 m lead-in, or its points
+            lie more than 0.3 m apart.
     """
     if profile.length < _LEAD_IN:
         raise InputError(
             "road",
             f"it is {profile.length:g} m long",
             f"The roughness index needs at least {_LEAD_IN:g} m of road.",
+        )
+    if profile.spacing > _WIDEST_SPACING:
+        raise InputError(
+            "road",
+            f"its points are {profile.spacing:g} m apart",
+            f"The roughness index needs them every {_WIDEST_SPACING:g} m or closer.",
         )
     z = profile.elevation
     width = round(_BASE_LENGTH / profile.spacing)

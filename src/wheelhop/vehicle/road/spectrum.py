@@ -62,7 +62,12 @@ def profile_psd(profile: Profile, segment: float = _SEGMENT) -> Spectrum:
     Args:
         profile: the road.
         segment: window length [m], cut to the road's length.
+
+    Raises:
+        InputError: if the road is perfectly flat.
     """
+    if np.ptp(profile.elevation) == 0:
+        raise InputError("road", "it is perfectly flat", "Give a measured elevation.")
     points = min(len(profile.elevation), max(8, round(segment / profile.spacing)))
     frequency, density = welch(
         profile.elevation, fs=1.0 / profile.spacing, nperseg=points, detrend="linear"

@@ -54,10 +54,10 @@ def synthesise(
             f"{high:g} cycles/m",
             "Give a longer road or a finer spacing.",
         )
-    frequency = step * jnp.arange(points // 2 + 1)
+    frequency = step * jnp.arange(points // 2 + 1, dtype=float)
     inside = (frequency >= low) & (frequency <= high) & (frequency < 0.5 / spacing)
     density = displacement_psd_cycles(jnp.where(inside, frequency, 1.0), level, waviness)
     # E|Z|^2 of the inverse real transform that gives one-sided PSD `density`
     scale = jnp.where(inside, jnp.sqrt(density * step / 4.0), 0.0)
     real, imaginary = jax.random.normal(key, (2, frequency.shape[0]), scale.dtype)
-    return jnp.fft.irfft(points * scale * (real + 1j * imaginary), n=points)
+    return jnp.fft.irfft(points * jax.lax.complex(scale * real, scale * imaginary), n=points)
