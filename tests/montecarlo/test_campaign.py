@@ -150,6 +150,6 @@ def test_100_runs_of_the_paper_are_overconfident_as_the_readme_says():
     """The joint state cannot be honest: the README's limits, kept true."""
     result = run_campaign(CampaignSettings(), CAR)
     final = result.error[:, -1]
-    assert np.sqrt(np.mean(final**2)) == pytest.approx(28.5e3, rel=0.05)
-    assert np.mean(np.abs(final) < result.sigma[:, -1]) == pytest.approx(0.29, abs=0.06)
+    assert np.sqrt(np.mean(final**2)) == pytest.approx(28.0e3, rel=0.05)
+    assert np.mean(np.abs(final) < result.sigma[:, -1]) == pytest.approx(0.32, abs=0.06)
     assert result.true_class_probability.mean() == pytest.approx(0.83, abs=0.03)
