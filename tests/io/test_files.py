@@ -101,6 +101,15 @@ def test_a_failing_write_leaves_the_old_file_and_no_litter(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["result.json"]
 
 
+def test_a_full_disk_is_told_and_leaves_no_litter(tmp_path):
+    def fail(temporary):
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(InputError, match="No space left on device"):
+        write_atomically(tmp_path / "x.json", fail)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_json_is_plain_and_nan_becomes_null(tmp_path):
     content = {"x": np.float32(1.5), "n": np.int64(2), "bad": float("nan"), "v": np.ones(2)}
     found = json.loads(write_json(tmp_path / "s.json", content).read_text())

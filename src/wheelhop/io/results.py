@@ -23,7 +23,12 @@ def output_directory(path: Path) -> Path:
         InputError: if it cannot be made or written to.
     """
     require_writable(path)
-    Path(path).mkdir(parents=True, exist_ok=True)
+    try:
+        Path(path).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            "--out", f"{path} cannot be made ({error.strerror})", "Name another directory."
+        ) from error
     return Path(path)
 
 
@@ -51,19 +56,29 @@ def write_atomically(path: Path, write: Callable[[Path], Any]) -> Path:
     """Let `write` fill a temporary file beside `path`, then rename it into place.
 
     An interrupted or failing write leaves the previous file, if any, untouched.
+
+    Raises:
+        InputError: if the file system refuses.
     """
     path = Path(path)
     if path.is_dir():
         raise InputError("--out", f"{path} is a directory", "Name a file, or another directory.")
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
-    os.close(handle)
-    temporary = Path(name)
     try:
-        write(temporary)
-        temporary.chmod(0o666 & ~_umask())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+        handle, name = tempfile.mkstemp(
+            prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent
+        )
+        os.close(handle)
+        temporary = Path(name)
+        try:
+            write(temporary)
+            temporary.chmod(0o666 & ~_umask())
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(
+            "--out", f"{path} cannot be written ({error.strerror})", "Free space or name another."
+        ) from error
     return path
 
 
