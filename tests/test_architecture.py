@@ -73,4 +73,5 @@ assert not changed, changed
 from jax._src import xla_bridge
 assert not xla_bridge._backends, "an import ran a computation"
 """
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr

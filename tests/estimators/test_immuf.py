@@ -214,15 +214,23 @@ def test_tuning_out_of_range_is_named(changes, message):
         immuf_params(CAR, SPEED, DT, Tuning(**changes))
 
 
-def test_a_second_record_compiles_nothing(monkeypatch):
-    first = make_record(samples=700, seed=1)
-    estimate_pressure(first, CAR)
-    compiled = []
-    monkeypatch.setattr(
-        jax._src.interpreters.mlir, "lower_jaxpr_to_module", lambda *a, **k: compiled.append(a)
-    )
-    estimate_pressure(make_record_like(first), CAR)
-    assert not compiled
+def test_a_second_record_compiles_nothing():
+    traced = []
+
+    def listen(event, duration, **kwargs):
+        if event == "/jax/core/compile/jaxpr_trace_duration" and kwargs.get("fun_name") == "piece":
+            traced.append(event)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        first = make_record(samples=450, seed=1)
+        estimate_pressure(first, CAR)
+        assert traced
+        traced.clear()
+        estimate_pressure(make_record_like(first), CAR)
+        assert not traced
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
 
 
 def make_record_like(record):

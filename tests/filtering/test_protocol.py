@@ -4,14 +4,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from models import COV, MEAN, Sensors, Track, linear_model, sample
+from models import COV, MEAN, F, H, Q, R, Sensors, Track, linear_model, sample
 
 from wheelhop.filtering import (
     InteractingParams,
+    LinearGaussian,
     cubature,
     drive,
+    extended,
     gaussian,
     interacting,
+    kalman,
     scaled,
     unscented,
 )
@@ -23,9 +26,17 @@ def imm_params(scale):
     )
 
 
+def matrices(scale):
+    return LinearGaussian(*map(jnp.asarray, (F, H)), scale * jnp.asarray(Q), scale * jnp.asarray(R))
+
+
 FILTERS = {
+    "kalman": (kalman(Sensors), matrices),
     "cubature": (unscented(linear_model(), cubature), lambda s: s),
     "scaled": (unscented(linear_model(), scaled(0.8, 2.0, 0.3)), lambda s: s),
+    "extended": (extended(linear_model()), lambda s: s),
+    "iterated": (extended(linear_model(), iterations=3), lambda s: s),
+    "interacting extended": (interacting(extended(linear_model())), imm_params),
     "interacting": (interacting(unscented(linear_model())), imm_params),
 }
 

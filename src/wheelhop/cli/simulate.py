@@ -17,6 +17,7 @@ from wheelhop.io.results import output_directory, require_writable, write_figure
 from wheelhop.io.roads import read_road
 from wheelhop.plots import plot_log
 from wheelhop.vehicle import sensors
+from wheelhop.vehicle.record import CornerRecord
 from wheelhop.vehicle.road import Profile, class_level, synthesise
 from wheelhop.vehicle.road.shape_filter import stationary_variance
 from wheelhop.vehicle.scenario import (
@@ -102,11 +103,6 @@ def simulate(
         record, _ = drive(
             sensor_key, car, rise, leak, metres_per_second, rate, sensors=(sensor, sensor)
         )
-    directory = output_directory(log.parent)
-    write_log(log, record)
-    title = f"{Path(road).name}, {speed:g} km/h, {pressure:g} kPa"
-    write_figure(log.with_suffix(".png"), plot_log(record, title))
-    summary = directory / ("summary.json" if log.parent == out else f"{log.stem}.summary.json")
     settings = {
         "road": road,
         "track": track,
@@ -118,22 +114,31 @@ def simulate(
         "rate_Hz": rate,
         "simulation_steps_per_sample": SUBSTEPS,
         "vehicle": name,
-        "sensor_m_per_s2": {
-            "noise": noise,
-            "bias": bias,
-            "resolution": resolution,
-            "dropout_probability": dropout,
-        },
+        "sensor_noise_m_per_s2": noise,
+        "sensor_bias_m_per_s2": bias,
+        "sensor_resolution_m_per_s2": resolution,
+        "sensor_dropout_probability": dropout,
         "seed": seed,
     }
+    title = f"{Path(road).name}, {speed:g} km/h, {pressure:g} kPa"
+    _report(log, out, record, title, provenance("simulate", precision, **settings))
+
+
+def _report(log: Path, out: Path, record: CornerRecord, title: str, made_by: dict) -> None:
+    """Write the log, its figure and its summary, and say so."""
+    directory = output_directory(log.parent)
+    write_log(log, record)
+    write_figure(log.with_suffix(".png"), plot_log(record, title))
+    seconds = len(record.t) * record.dt
     results = {
         "duration_s": seconds,
         "samples": len(record.t),
-        "distance_m": seconds * metres_per_second,
+        "distance_m": float(np.sum(record.v) * record.dt),
         "rms_a_s_m_per_s2": float(np.sqrt(np.nanmean(record.a_s**2))),
         "rms_a_u_m_per_s2": float(np.sqrt(np.nanmean(record.a_u**2))),
     }
-    write_json(summary, {**provenance("simulate", precision, **settings), "results": results})
+    summary = directory / ("summary.json" if log.parent == out else f"{log.stem}.summary.json")
+    write_json(summary, {**made_by, "results": results})
     console.print(
         f"{len(record.t)} samples over {seconds:.2f} s and {results['distance_m']:.1f} m; rms "
         f"body {results['rms_a_s_m_per_s2']:.2f} m/s^2, wheel "

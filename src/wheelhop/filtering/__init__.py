@@ -1,6 +1,7 @@
 """Differentiable filters for any state-space model; knows nothing of vehicles."""
 
 from wheelhop.filtering import drive
+from wheelhop.filtering.extended import extended
 from wheelhop.filtering.gaussian import (
     Gaussian,
     dense,
@@ -12,6 +13,7 @@ from wheelhop.filtering.gaussian import (
 )
 from wheelhop.filtering.interacting import InteractingParams, InteractingState, interacting
 from wheelhop.filtering.interface import Filter, Flags, Info, StateSpaceModel
+from wheelhop.filtering.kalman import LinearGaussian, kalman
 from wheelhop.filtering.sigma_points import SigmaRule, cubature, scaled
 from wheelhop.filtering.unscented import unscented
 
@@ -22,14 +24,17 @@ __all__ = [
     "Info",
     "InteractingParams",
     "InteractingState",
+    "LinearGaussian",
     "SigmaRule",
     "StateSpaceModel",
     "cubature",
     "dense",
     "drive",
+    "extended",
     "gaussian",
     "independent",
     "interacting",
+    "kalman",
     "moment_match",
     "normalised_square",
     "scaled",
