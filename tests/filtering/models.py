@@ -78,3 +78,29 @@ def sample(seed, steps):
         xs.append(x)
         ys.append(H @ x + rng.multivariate_normal(np.zeros(2), R))
     return np.array(xs), np.array(ys)
+
+
+def joint(steps):
+    """Mean and covariance of all states and measurements, with no recursion over filters."""
+    powers = [np.linalg.matrix_power(F, k) for k in range(steps + 1)]
+    mean = np.concatenate([powers[k] @ MEAN for k in range(1, steps + 1)])
+    cov = np.zeros((3 * steps, 3 * steps))
+    for a in range(1, steps + 1):
+        for b in range(1, steps + 1):
+            block = powers[a] @ COV @ powers[b].T
+            for k in range(1, min(a, b) + 1):
+                block = block + powers[a - k] @ Q @ powers[b - k].T
+            cov[3 * a - 3 : 3 * a, 3 * b - 3 : 3 * b] = block
+    big_h = np.kron(np.eye(steps), H)
+    return mean, cov, big_h, big_h @ cov @ big_h.T + np.kron(np.eye(steps), R)
+
+
+def dense_posterior(ys):
+    """Mean and covariance of all states given the record, and its evidence: one dense solve."""
+    mean, cov, big_h, s = joint(len(ys))
+    residual = ys.ravel() - big_h @ mean
+    weight = np.linalg.solve(s, residual)
+    posterior = mean + cov @ big_h.T @ weight
+    spread = cov - cov @ big_h.T @ np.linalg.solve(s, big_h @ cov)
+    evidence = -0.5 * (residual @ weight + np.linalg.slogdet(2 * np.pi * s)[1])
+    return posterior, spread, evidence

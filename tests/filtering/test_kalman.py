@@ -4,7 +4,7 @@ import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
-from models import COV, MEAN, F, H, Q, R, Sensors, Track, sample
+from models import COV, MEAN, F, H, Q, R, Sensors, Track, dense_posterior, sample
 from models import kalman as numpy_kalman
 
 from wheelhop.filtering import LinearGaussian, dense, drive, gaussian, kalman
@@ -31,30 +31,10 @@ def test_equals_the_textbook_recursion_with_gaps():
     np.testing.assert_allclose(trajectory.info.log_likelihood, log_likelihood, atol=1e-12)
 
 
-def joint(steps):
-    """Mean and covariance of all states and measurements, with no recursion over filters."""
-    powers = [np.linalg.matrix_power(F, k) for k in range(steps + 1)]
-    mean = np.concatenate([powers[k] @ MEAN for k in range(1, steps + 1)])
-    cov = np.zeros((3 * steps, 3 * steps))
-    for a in range(1, steps + 1):
-        for b in range(1, steps + 1):
-            block = powers[a] @ COV @ powers[b].T
-            for k in range(1, min(a, b) + 1):
-                block = block + powers[a - k] @ Q @ powers[b - k].T
-            cov[3 * a - 3 : 3 * a, 3 * b - 3 : 3 * b] = block
-    big_h = np.kron(np.eye(steps), H)
-    return mean, cov, big_h, big_h @ cov @ big_h.T + np.kron(np.eye(steps), R)
-
-
 def test_equals_one_dense_gaussian_solve_of_the_whole_record():
     steps = 12
     _, ys = sample(1, steps)
-    mean, cov, big_h, s = joint(steps)
-    residual = ys.ravel() - big_h @ mean
-    weight = np.linalg.solve(s, residual)
-    posterior = mean + cov @ big_h.T @ weight
-    spread = cov - cov @ big_h.T @ np.linalg.solve(s, big_h @ cov)
-    evidence = -0.5 * (residual @ weight + np.linalg.slogdet(2 * np.pi * s)[1])
+    posterior, spread, evidence = dense_posterior(ys)
     trajectory = drive.run(kalman(Sensors), prior(), measurements(ys), PARAMS)
     found_mean, found_cov = dense(trajectory.state)
     np.testing.assert_allclose(found_mean[-1], posterior[-3:], atol=1e-10)

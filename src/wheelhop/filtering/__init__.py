@@ -15,6 +15,7 @@ from wheelhop.filtering.interacting import InteractingParams, InteractingState, 
 from wheelhop.filtering.interface import Filter, Flags, Info, StateSpaceModel
 from wheelhop.filtering.kalman import LinearGaussian, kalman
 from wheelhop.filtering.sigma_points import SigmaRule, cubature, scaled
+from wheelhop.filtering.smoothing import extended_smoother, unscented_smoother
 from wheelhop.filtering.unscented import unscented
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "dense",
     "drive",
     "extended",
+    "extended_smoother",
     "gaussian",
     "independent",
     "interacting",
@@ -40,4 +42,5 @@ __all__ = [
     "scaled",
     "standard_deviation",
     "unscented",
+    "unscented_smoother",
 ]

@@ -30,7 +30,8 @@ def _keep_all(state: State, info: Info) -> Any:
     return Trajectory(state, info)
 
 
-def _constant(params: Params, inputs: Any) -> Params:
+def constant_params(params: Params, inputs: Any) -> Params:
+    """The default `Bind`: nothing varies in time."""
     del inputs
     return params
 
@@ -42,7 +43,7 @@ def scan(
     params: Params,
     *,
     inputs: Any = None,
-    bind: Bind = _constant,
+    bind: Bind = constant_params,
     keep: Keep = _keep_all,
 ) -> tuple[State, Any]:
     """Filter a record and return the final state too.
@@ -80,7 +81,7 @@ def log_likelihood(
     params: Params,
     *,
     inputs: Any = None,
-    bind: Bind = _constant,
+    bind: Bind = constant_params,
 ) -> Any:
     """log p(y_1..y_T | params), differentiable in reverse mode at the memory of one step.
 
@@ -107,7 +108,7 @@ def run_in_chunks(
     *,
     chunk: int,
     inputs: Any = None,
-    bind: Bind = _constant,
+    bind: Bind = constant_params,
     keep: Keep = _keep_all,
 ) -> Iterator[tuple[int, Any]]:
     """Filter a long record piece by piece, in one compiled function.

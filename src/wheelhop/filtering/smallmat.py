@@ -91,26 +91,32 @@ def cholesky(a: Lower, guard: float | None = None) -> tuple[Lower, Any]:
     return tuple(tuple(row) for row in factor), guarded
 
 
+def _divide(a: Any, pivot: Any) -> Any:
+    """a / pivot, and 0 where the pivot is zero: a direction without variance has no weight."""
+    positive = pivot != 0
+    return jnp.where(positive, a / jnp.where(positive, pivot, 1.0), 0.0)
+
+
 def solve_lower(factor: Lower, b: Sequence[Any]) -> tuple[Any, ...]:
-    """Solve L x = b by forward substitution; entries of b may carry extra shape."""
+    """Solve L x = b by forward substitution, leaving out directions with a zero pivot."""
     x: list[Any] = []
     for i in range(len(factor)):
         entry = b[i]
         for k in range(i):
             entry = entry - factor[i][k] * x[k]
-        x.append(entry / factor[i][i])
+        x.append(_divide(entry, factor[i][i]))
     return tuple(x)
 
 
 def solve_lower_transposed(factor: Lower, b: Sequence[Any]) -> tuple[Any, ...]:
-    """Solve L^T x = b by back substitution."""
+    """Solve L^T x = b by back substitution, leaving out directions with a zero pivot."""
     n = len(factor)
     x: list[Any] = [None] * n
     for i in reversed(range(n)):
         entry = b[i]
         for k in range(i + 1, n):
             entry = entry - factor[k][i] * x[k]
-        x[i] = entry / factor[i][i]
+        x[i] = _divide(entry, factor[i][i])
     return tuple(x)
 
 
