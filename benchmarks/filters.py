@@ -100,9 +100,49 @@ def measure(runs: int, rounds: int, peer_steps: int) -> dict[str, float]:
     }
 
 
+def measure_gradient(runs: int, rounds: int) -> dict[str, float]:
+    """Reverse-mode gradient of the log-likelihood with respect to every leaf of the parameters."""
+    dt = quarter_car_numpy.DT
+    filter = immuf(dt)
+    car = brancati_suv()
+    params = immuf_params(car, quarter_car_numpy.SPEED, dt, Tuning())
+    belief = prior(car)
+    noise = np.random.default_rng(0).normal(size=(2, runs, SAMPLES))
+    ys = Accelerations(*jnp.asarray(noise, float))
+
+    def total(params):
+        def one(ys):
+            return drive.log_likelihood(filter, filter.init(belief, params), ys, params)
+
+        return jnp.sum(jax.vmap(one)(ys))
+
+    seconds = {}
+    compile_seconds = {}
+    for name, function in (("forward", total), ("gradient", jax.grad(total))):
+        start = time.perf_counter()
+        compiled = jax.jit(function).lower(params).compile()
+        compile_seconds[name] = time.perf_counter() - start
+        jax.block_until_ready(compiled(params))
+        times = []
+        for _ in range(rounds):
+            start = time.perf_counter()
+            result = jax.block_until_ready(compiled(params))
+            times.append(time.perf_counter() - start)
+        seconds[name] = statistics.median(times)
+    if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(result)):
+        raise RuntimeError("the gradient is not finite")
+    return {
+        "runs": runs,
+        "gradient_compile_seconds": compile_seconds["gradient"],
+        "gradient_to_forward": seconds["gradient"] / seconds["forward"],
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer rounds, no 1,000 runs")
+    parser.add_argument(
+        "--quick", action="store_true", help="fewer rounds, no 1,000 runs, no gradient"
+    )
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     options = parser.parse_args()
     rounds, peer_steps = (2, 50) if options.quick else (7, 200)
@@ -122,6 +162,14 @@ def main() -> None:
                     f"{row['ratio']:,.0f}",
                 )
     Console().print(table)
+    gradient = None
+    if not options.quick:
+        gradient = {"precision": "float32", **measure_gradient(100, 3)}
+        Console().print(
+            f"gradient of the log-likelihood, float32, 100 runs: compile "
+            f"{gradient['gradient_compile_seconds']:.0f} s, "
+            f"{gradient['gradient_to_forward']:.1f} forward passes"
+        )
     if options.json:
         write_json(
             options.json,
@@ -133,6 +181,7 @@ def main() -> None:
                 "samples_per_run": SAMPLES,
                 "runs_per_chunk": CHUNK,
                 "rows": rows,
+                "gradient": gradient,
             },
         )
 

@@ -1,6 +1,5 @@
 """The Kalman filter against NumPy and against the dense joint Gaussian of the whole record."""
 
-import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -72,18 +71,3 @@ def numpy_free(ys, q):
         mean, cov = mean + gain @ r, cov - gain @ s @ gain.T
         total += -0.5 * (r @ np.linalg.solve(s, r) + np.linalg.slogdet(2 * np.pi * s)[1])
     return total
-
-
-def test_new_matrices_do_not_recompile():
-    filter = kalman(Sensors)
-
-    @jax.jit
-    @chex.assert_max_traces(n=1)
-    def step(state, y, params):
-        return filter.step(state, y, params)
-
-    chex.clear_trace_counter()
-    state = prior()
-    for scale in (0.5, 1.0, 2.0):
-        y = Sensors(jnp.asarray(0.1), jnp.asarray(0.2))
-        state, _ = step(state, y, jax.tree.map(lambda a, s=scale: s * a, PARAMS))

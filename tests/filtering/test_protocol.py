@@ -1,5 +1,6 @@
 """What every filter of the room must do: jit, vmap, grad, scan, float32, missing rows."""
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -73,6 +74,21 @@ def test_step_keeps_the_structure_and_types_of_the_state(case):
     for old, new in zip(jax.tree.leaves(before), jax.tree.leaves(after), strict=True):
         assert old.shape == new.shape
         assert old.dtype == new.dtype
+
+
+def test_one_trace_serves_every_parameter_value(case):
+    filter, params = case
+
+    @jax.jit
+    @chex.assert_max_traces(n=1)
+    def step(state, y, p):
+        return filter.step(state, y, p)
+
+    chex.clear_trace_counter()
+    state = filter.init(prior(), params(jnp.asarray(1.0)))
+    for scale in (0.5, 1.0, 2.0):
+        y = jax.tree.map(lambda a: a[0], measurements(0))
+        state, _ = step(state, y, params(jnp.asarray(scale)))
 
 
 def test_vmap_over_runs_equals_each_run(case):

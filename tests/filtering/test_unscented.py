@@ -1,6 +1,5 @@
 """The unscented filter where the exact answer is known, and its behaviour at the edges."""
 
-import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -77,20 +76,6 @@ def test_covariance_is_honest_over_1000_runs():
     for values, dof in ((nees, 3), (np.asarray(trajectory.info.nis)[:, -1], 2)):
         low, high = chi2.ppf([0.0005, 0.9995], dof * runs) / runs
         assert low < values.mean() < high
-
-
-def test_one_trace_serves_every_parameter_value():
-    filter = unscented(linear_model())
-
-    @jax.jit
-    @chex.assert_max_traces(n=1)
-    def step(state, y, params):
-        return filter.step(state, y, params)
-
-    chex.clear_trace_counter()
-    state = prior()
-    for scale in (0.5, 1.0, 2.0):
-        state, _ = step(state, Sensors(jnp.asarray(0.1), jnp.asarray(0.2)), jnp.asarray(scale))
 
 
 def test_float32_stays_float32_and_agrees(float32):

@@ -15,7 +15,7 @@ def nees(belief: Gaussian, truth: Any) -> Any:
     """Normalised estimation error squared (x - m)^T P^-1 (x - m).
 
     Chi-square with n degrees of freedom if the filter is consistent (Bar-Shalom, Li &
-    Kirubarajan 2001, Eq. 5.4.2-2).
+    Kirubarajan 2001, section 5.4).
 
     Args:
         belief: estimate, entries of any one shape.

@@ -1,8 +1,8 @@
 """Extended Kalman filter, and its iterated form, with exact derivatives.
 
-Jazwinski 1970, Theorem 8.1; the iterated update is Gauss-Newton on the posterior (Bell &
-Cathey 1993, Eq. 2.9). Covariances are sums of squares, as in the unscented filter. On a linear
-model both are the Kalman filter.
+Jazwinski 1970; the iterated update is Gauss-Newton on the posterior (Bell & Cathey 1993).
+Covariances are sums of squares, as in the unscented filter. On a linear model both are the
+Kalman filter.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ class Moments(NamedTuple):
 
 
 def scaled(alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> Rule:
-    """Scaled unscented rule of Julier, Uhlmann and Merwe (Wan & van der Merwe 2000, Eq. 15).
+    """Scaled unscented rule of Julier, Uhlmann and Merwe (Wan & van der Merwe 2000).
 
     The defaults keep every weight nonnegative. A small alpha puts weights of 1/alpha^2 on
     differences of nearly equal numbers.
@@ -80,7 +80,7 @@ def scaled(alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> Rule:
 
 
 def cubature(n: int) -> SigmaRule:
-    """Third-degree spherical-radial rule (Arasaratnam & Haykin 2009, Eq. 32): 2n equal points."""
+    """Third-degree spherical-radial rule (Arasaratnam & Haykin 2009): 2n equal points."""
     return SigmaRule(math.sqrt(n), 0.5 / n, 0.0, 0.0)
 
 

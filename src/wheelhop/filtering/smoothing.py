@@ -1,6 +1,6 @@
 """Rauch-Tung-Striebel smoothers: what the whole record says of every state.
 
-Rauch, Tung & Striebel 1965; the unscented form of Sarkka 2008, Eq. 27-31. The smoothed
+Rauch, Tung & Striebel 1965; the unscented form of Sarkka 2008. The smoothed
 covariance is a sum of squares, (L - C G)(L - C G)^T + C (E + Q) C^T + C P_s C^T with the
 smoother gain C, where the textbook subtracts.
 """
@@ -19,6 +19,7 @@ from wheelhop.filtering.gaussian import Gaussian
 from wheelhop.filtering.interface import Lower, Named, Params, StateSpaceModel
 from wheelhop.filtering.linearisation import linearise
 from wheelhop.filtering.sigma_points import Moments, Rule, cubature, transform
+from wheelhop.filtering.update import gain_rows, gain_times, without_gain
 
 Smoother = Callable[..., Gaussian]
 """(beliefs [time], params, inputs=None, bind=...) -> smoothed beliefs [time]."""
@@ -75,19 +76,12 @@ def _step(
     params: Params,
 ) -> Gaussian:
     """Smoothed belief from the filtered one and the smoothed one a step later."""
-    n = len(belief.mean)
     factor, _ = smallmat.cholesky(belief.cov)
     moments = moments_of(lambda x: model.transition(x, params), belief.mean, factor)
     residual = smallmat.add(moments.even, model.process_cov(belief.mean, params))
     predicted_root, _ = smallmat.cholesky(smallmat.add(smallmat.gram(moments.odd), residual))
     rows = smallmat.rows_of(factor)
-    gain = [
-        smallmat.solve_lower_transposed(
-            predicted_root,
-            smallmat.solve_lower(predicted_root, [jnp.sum(row * g, 0) for g in moments.odd]),
-        )
-        for row in rows
-    ]
+    gain = gain_rows(rows, moments.odd, predicted_root)
     shift = [s - m for s, m in zip(later.mean, moments.mean, strict=True)]
     mean = [
         m + sum(c * d for c, d in zip(row, shift, strict=True))
@@ -95,12 +89,14 @@ def _step(
     ]
     residual_root, _ = smallmat.cholesky(residual)
     later_root, _ = smallmat.cholesky(later.cov)
-    pieces = []
-    for row, c in zip(rows, gain, strict=True):
-        kept = row - sum(k[None] * g for k, g in zip(c, moments.odd, strict=True))
-        parts = [
-            jnp.stack([sum(c[i] * root[i][j] for i in range(j, n)) for j in range(n)])
-            for root in (residual_root, later_root)
-        ]
-        pieces.append(jnp.concatenate([kept, *parts]))
+    pieces = [
+        jnp.concatenate(
+            [
+                without_gain(row, c, moments.odd),
+                gain_times(c, residual_root),
+                gain_times(c, later_root),
+            ]
+        )
+        for row, c in zip(rows, gain, strict=True)
+    ]
     return Gaussian(type(belief.mean)(*mean), smallmat.gram(pieces))

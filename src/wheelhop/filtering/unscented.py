@@ -1,7 +1,7 @@
 """Unscented Kalman filter with additive noise, for any symmetric sigma-point rule.
 
-The points are redrawn after the prediction, as in Wan & van der Merwe 2000, Table 7.3.2
-without augmentation; covariances are sums of squares throughout.
+Julier & Uhlmann 1997; Wan & van der Merwe 2000. The points are redrawn after the prediction;
+covariances are sums of squares throughout.
 """
 
 from __future__ import annotations

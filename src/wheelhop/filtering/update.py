@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -60,16 +61,15 @@ def condition(
     root, guard_acted = smallmat.cholesky(innovation_cov)
 
     rows = smallmat.rows_of(factor)
-    cross = [[jnp.sum(row * g, 0) for g in odd] for row in rows]
-    gain = [smallmat.solve_lower_transposed(root, smallmat.solve_lower(root, c)) for c in cross]
+    gain = gain_rows(rows, odd, root)
     mean = [
         x + sum(k * r for k, r in zip(gain_row, innovation, strict=True))
         for x, gain_row in zip(predicted.mean, gain, strict=True)
     ]
     noise_root, noise_guarded = smallmat.cholesky(residual)
     kept = [
-        jnp.concatenate([_reduce(row, gain_row, odd), _spread(gain_row, noise_root)])
-        for row, gain_row in zip(rows, gain, strict=True)
+        jnp.concatenate([without_gain(row, k, odd), gain_times(k, noise_root)])
+        for row, k in zip(rows, gain, strict=True)
     ]
     updated = Gaussian(type(predicted.mean)(*mean), smallmat.gram(kept))
 
@@ -87,12 +87,24 @@ def condition(
     return updated, report
 
 
-def _reduce(row: Any, gain_row: Any, odd: tuple[Any, ...]) -> Any:
-    """Row of L - K G."""
+def gain_rows(rows: Sequence[Any], odd: Sequence[Any], root: Lower) -> list[tuple[Any, ...]]:
+    """Rows of the gain K = L G^T S^-1.
+
+    Args:
+        rows: rows of L, columns on a leading axis.
+        odd: rows of G, likewise.
+        root: Cholesky factor of S.
+    """
+    cross = [[jnp.sum(row * g, 0) for g in odd] for row in rows]
+    return [smallmat.solve_lower_transposed(root, smallmat.solve_lower(root, c)) for c in cross]
+
+
+def without_gain(row: Any, gain_row: Sequence[Any], odd: Sequence[Any]) -> Any:
+    """Row of L - K G, columns on a leading axis."""
     return row - sum(k[None] * g for k, g in zip(gain_row, odd, strict=True))
 
 
-def _spread(gain_row: Any, noise_root: Lower) -> Any:
-    """Row of K C for the factor C of the residual covariance E + R."""
-    m = len(noise_root)
-    return jnp.stack([sum(gain_row[i] * noise_root[i][j] for i in range(j, m)) for j in range(m)])
+def gain_times(gain_row: Sequence[Any], root: Lower) -> Any:
+    """Row of K C for a lower triangular C, columns on a leading axis."""
+    m = len(root)
+    return jnp.stack([sum(gain_row[i] * root[i][j] for i in range(j, m)) for j in range(m)])

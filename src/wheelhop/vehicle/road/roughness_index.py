@@ -18,7 +18,7 @@ _WIDEST_SPACING = 0.3
 def golden_car() -> tuple[np.ndarray, np.ndarray]:
     """A [4, 4] and b [4] of x' = A x + b s for x = (z_s', z_s'', z_u', z_u'') per speed.
 
-    s is the road's slope. Sayers 1995, On the calculation of IRI, Eq. 12-16.
+    s is the road's slope. Sayers 1995, On the calculation of international roughness index.
     """
     a = np.array(
         [
