@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from wheelhop.filtering import smallmat
 from wheelhop.filtering.gaussian import Gaussian, moment_match
-from wheelhop.filtering.interface import Filter, Info, Named, Params, StateSpaceModel
+from wheelhop.filtering.interface import Filter, Info, Named, Params, StateSpaceModel, Update
 from wheelhop.filtering.linearisation import linearise
 from wheelhop.filtering.update import condition
 
 
-def extended(model: StateSpaceModel, iterations: int = 1) -> Filter:
+def extended(
+    model: StateSpaceModel, iterations: int = 1, measurement_update: Update = condition
+) -> Filter:
     """Extended Kalman filter for a state-space model.
 
     Args:
@@ -22,6 +24,7 @@ def extended(model: StateSpaceModel, iterations: int = 1) -> Filter:
         iterations: linearisations of the observation per update; 1 is the plain filter, more
             is the iterated one. Every iteration starts from the predicted covariance, so the
             measurement counts once however many there are.
+        measurement_update: how a measurement is taken in: `condition`, or one of `robust`.
 
     Returns:
         A `Filter` whose state is the `Gaussian` after each update. Its `Info` describes the
@@ -42,7 +45,7 @@ def extended(model: StateSpaceModel, iterations: int = 1) -> Filter:
         moments = linearise(lambda x: model.transition(x, params), belief.mean, factor)
         cov = smallmat.add(smallmat.gram(moments.odd), model.process_cov(belief.mean, params))
         predicted = Gaussian(moments.mean, cov)
-        return update(model, predicted, y, params, iterations, guarded)
+        return update(model, predicted, y, params, iterations, guarded, measurement_update)
 
     return Filter(init, step, moment_match)
 
@@ -54,6 +57,7 @@ def update(
     params: Params,
     iterations: int = 1,
     guarded: object = False,
+    measurement_update: Update = condition,
 ) -> tuple[Gaussian, Info]:
     """Belief conditioned on a measurement, relinearised `iterations` times."""
     factor, guard_acted = smallmat.cholesky(predicted.cov)
@@ -61,7 +65,7 @@ def update(
 
     def once(at: Named) -> tuple[Gaussian, Info]:
         moments = linearise(lambda x: model.observation(x, params), at, factor, predicted.mean)
-        return condition(predicted, factor, moments, noise, y, guard_acted | guarded)
+        return measurement_update(predicted, factor, moments, noise, y, guard_acted | guarded)
 
     belief, info = once(predicted.mean)
     for _ in range(iterations - 1):

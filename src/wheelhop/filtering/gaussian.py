@@ -67,8 +67,10 @@ def moment_match(weights: Any, stacked: Gaussian) -> Gaussian:
         weights: [m], nonnegative, summing to one.
         stacked: components on a leading axis, entries [m].
     """
+    axes = max(weights.ndim, *(entries.ndim for entries in jax.tree.leaves(stacked)))
+    weights = trailing(weights, axes)
     used = weights > 0
-    stacked = jax.tree.map(lambda entries: jnp.where(used, entries, 0.0), stacked)
+    stacked = jax.tree.map(lambda entries: jnp.where(used, trailing(entries, axes), 0.0), stacked)
 
     def average(entries: Any) -> Any:
         return jnp.sum(weights * entries, 0)
@@ -80,6 +82,11 @@ def moment_match(weights: Any, stacked: Gaussian) -> Gaussian:
         for i in range(len(mean))
     )
     return Gaussian(type(stacked.mean)(*mean), cov)
+
+
+def trailing(array: Any, axes: int) -> Any:
+    """The array with axes of length 1 appended up to a number of axes."""
+    return array.reshape(array.shape + (1,) * (axes - array.ndim))
 
 
 def normalised_square(deviation: Named, cov: Lower) -> Any:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from wheelhop.filtering.gaussian import Gaussian, moment_match, normalised_square
+from wheelhop.filtering.gaussian import Gaussian, moment_match, normalised_square, trailing
 from wheelhop.filtering.interface import Filter, Info, Named, all_finite
 
 
@@ -83,7 +83,9 @@ def interacting(member: Filter) -> Filter:
 
     def mix(weights: Any, stacked: InteractingState) -> InteractingState:
         members = jax.vmap(member.mix, in_axes=(None, 1))(weights, stacked.members)
-        probabilities = jnp.sum(weights[:, None] * jnp.exp(stacked.log_probabilities), 0)
+        lanes = max(weights.ndim - 1, stacked.log_probabilities.ndim - 2)
+        outer = trailing(weights, lanes + 1)[:, None]
+        probabilities = jnp.sum(outer * jnp.exp(trailing(stacked.log_probabilities, lanes + 2)), 0)
         combined = member.mix(weights, stacked.combined)
         return InteractingState(members, _safe_log(probabilities), combined)
 
@@ -96,13 +98,15 @@ def mixing(log_probabilities: Any, transition: Any) -> tuple[Any, Any]:
     W[i, j] = Pz[i, j] mu_i / sum_k Pz[k, j] mu_k (Brancati & Tufano 2022, Eq. 9-11 with the
     index and time corrected). A mode nothing leads to keeps its own state.
     """
-    joint = _safe_log(transition) + log_probabilities[:, None]
+    lanes = log_probabilities.ndim - 1
+    modes = log_probabilities.shape[0]
+    joint = trailing(_safe_log(transition), lanes + 2) + log_probabilities[:, None]
     predicted = _log_sum_exp(joint)
     reachable = jnp.isfinite(predicted)
     weights = jnp.where(
-        reachable[None, :],
-        jnp.exp(joint - jnp.where(reachable, predicted, 0.0)[None, :]),
-        jnp.eye(joint.shape[0], dtype=joint.dtype),
+        reachable[None],
+        jnp.exp(joint - jnp.where(reachable, predicted, 0.0)[None]),
+        trailing(jnp.eye(modes, dtype=joint.dtype), lanes + 2),
     )
     return predicted, weights
 
@@ -130,6 +134,7 @@ def _mixture_info(probabilities: Any, infos: Info, log_likelihood: Any, finite: 
         nonfinite=~finite,
         lost_members=jnp.sum(infos.flags.nonfinite.astype(jnp.int32), 0)
         + jnp.sum(infos.flags.lost_members, 0),
+        rejected=jnp.max(infos.flags.rejected, 0),
     )
     nis = normalised_square(matched.mean, matched.cov)
     return Info(matched.mean, matched.cov, log_likelihood, nis, flags)

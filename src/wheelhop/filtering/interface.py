@@ -2,6 +2,11 @@
 
 A filter is a NamedTuple of pure functions of one run; batching is `jax.vmap`.
 States and measurements are NamedTuples of named scalars, parameters are any pytree.
+
+Lanes: a step is also elementwise over trailing axes. Where the scalars of a state, of a
+measurement and (if they differ) of the parameters are arrays [runs], the step filters all runs
+at once with the same arithmetic; structure (sigma points, modes, matrix rows) always leads.
+That layout is what `drive.run_batch` uses, because it is the fast one.
 """
 
 from __future__ import annotations
@@ -50,6 +55,7 @@ class Flags(NamedTuple):
         missing: number of measurement entries that were not finite and were left out.
         guarded: True where the relative pivot guard of a Cholesky factor acted.
         nonfinite: True where the step's result holds a NaN or an infinity.
+        rejected: number of entries that a gate left out as outliers.
         lost_members: number of an IMM's members whose step was not finite and which were
             restarted from the others; 0 for a plain filter.
     """
@@ -58,6 +64,7 @@ class Flags(NamedTuple):
     guarded: Any
     nonfinite: Any
     lost_members: Any = 0
+    rejected: Any = 0
 
 
 class Info(NamedTuple):
@@ -78,6 +85,10 @@ class Info(NamedTuple):
     log_likelihood: Any
     nis: Any
     flags: Flags
+
+
+Update = Callable[..., tuple[Any, Info]]
+"""(predicted, factor, moments, noise, y, guarded) -> (Gaussian, Info), as `update.condition`."""
 
 
 class Filter(NamedTuple):

@@ -7,7 +7,6 @@ from typing import Any
 
 import jax
 
-from wheelhop.filtering import smallmat
 from wheelhop.filtering.extended import extended
 from wheelhop.filtering.interface import Filter, Lower, Named, StateSpaceModel
 
@@ -55,14 +54,18 @@ def linear_model(measurement: type) -> StateSpaceModel:
 
     def process_cov(x: Named, params: LinearGaussian) -> Lower:
         del x
-        return smallmat.from_dense(params.process_cov)
+        return _lower(params.process_cov)
 
     def observation_cov(params: LinearGaussian) -> Lower:
-        return smallmat.from_dense(params.observation_cov)
+        return _lower(params.observation_cov)
 
     return StateSpaceModel(transition, observation, process_cov, observation_cov)
 
 
+def _lower(matrix: Any) -> Lower:
+    return tuple(tuple(matrix[i, j] for j in range(i + 1)) for i in range(matrix.shape[0]))
+
+
 def _product(matrix: Any, x: Named) -> list[Any]:
-    rows, columns = matrix.shape
+    rows, columns = matrix.shape[:2]
     return [sum(matrix[i, j] * x[j] for j in range(columns)) for i in range(rows)]

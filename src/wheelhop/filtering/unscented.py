@@ -12,19 +12,22 @@ import jax.numpy as jnp
 
 from wheelhop.filtering import smallmat
 from wheelhop.filtering.gaussian import Gaussian, moment_match
-from wheelhop.filtering.interface import Filter, Info, Named, Params, StateSpaceModel
+from wheelhop.filtering.interface import Filter, Info, Named, Params, StateSpaceModel, Update
 from wheelhop.filtering.sigma_points import Rule, cubature, transform
 from wheelhop.filtering.update import condition
 
 _SMALLEST_SPREAD_SQUARED_F32 = 0.01
 
 
-def unscented(model: StateSpaceModel, rule: Rule = cubature) -> Filter:
+def unscented(
+    model: StateSpaceModel, rule: Rule = cubature, measurement_update: Update = condition
+) -> Filter:
     """Unscented (or cubature) Kalman filter for a state-space model.
 
     Args:
         model: the state-space model; its functions take all sigma points at once.
         rule: a sigma-point rule, `cubature` or `scaled(alpha, beta, kappa)`.
+        measurement_update: how a measurement is taken in: `condition`, or one of `robust`.
 
     Returns:
         A `Filter` whose state is the `Gaussian` after each update.
@@ -40,7 +43,7 @@ def unscented(model: StateSpaceModel, rule: Rule = cubature) -> Filter:
 
     def step(belief: Gaussian, y: Named, params: Params) -> tuple[Gaussian, Info]:
         predicted, guarded = predict(model, rule, belief, params)
-        return update(model, rule, predicted, y, params, guarded)
+        return update(model, rule, predicted, y, params, guarded, measurement_update)
 
     return Filter(init, step, moment_match)
 
@@ -66,6 +69,7 @@ def update(
     y: Named,
     params: Params,
     guarded: Any = False,
+    measurement_update: Update = condition,
 ) -> tuple[Gaussian, Info]:
     """Belief conditioned on a measurement, with points redrawn from `predicted`."""
     factor, guard_acted = smallmat.cholesky(predicted.cov)
@@ -73,7 +77,7 @@ def update(
         lambda x: model.observation(x, params), predicted.mean, factor, rule(len(predicted.mean))
     )
     noise = model.observation_cov(params)
-    return condition(predicted, factor, moments, noise, y, guard_acted | guarded)
+    return measurement_update(predicted, factor, moments, noise, y, guard_acted | guarded)
 
 
 def _refuse_cancellation(relative_spread_squared: float, dtype: Any) -> None:

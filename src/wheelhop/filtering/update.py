@@ -82,6 +82,7 @@ def condition(
         guarded=guarded | guard_acted | noise_guarded,
         nonfinite=~all_finite((updated, log_likelihood)),
         lost_members=jnp.zeros_like(present[0], jnp.int32),
+        rejected=jnp.zeros_like(present[0], jnp.int32),
     )
     report = Info(type(y)(*innovation), innovation_cov, log_likelihood, nis, flags)
     return updated, report
