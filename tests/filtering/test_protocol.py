@@ -19,6 +19,7 @@ from wheelhop.filtering import (
     scaled,
     unscented,
 )
+from wheelhop.filtering.batch import run_batch
 
 
 def imm_params(scale):
@@ -97,6 +98,18 @@ def test_vmap_over_runs_equals_each_run(case):
     together = jax.jit(jax.vmap(lambda ys: run(case, ys).info.log_likelihood))(stacked)
     for k, ys in enumerate(batch):
         np.testing.assert_allclose(together[k], run(case, ys).info.log_likelihood, atol=1e-12)
+
+
+def test_runs_in_lanes_equal_each_run(case):
+    filter, params = case
+    p = params(1.0)
+    batch = [measurements(seed) for seed in range(3)]
+    stacked = jax.tree.map(lambda *a: jnp.stack(a), *batch)
+    together = run_batch(filter, filter.init(prior(), p), stacked, p)
+    for k, ys in enumerate(batch):
+        alone = run(case, ys)
+        for a, b in zip(jax.tree.leaves(together), jax.tree.leaves(alone), strict=True):
+            np.testing.assert_allclose(a[k], b, atol=1e-11, rtol=1e-11)
 
 
 def test_a_missing_row_predicts_only(case):

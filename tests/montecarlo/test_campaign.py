@@ -60,7 +60,7 @@ def test_chunks_do_not_change_results_and_finished_ones_are_not_run_again(
         "runs-0000000.npz",
         "runs-0000004.npz",
     ]
-    monkeypatch.setattr(campaign, "run_one", never)
+    monkeypatch.setattr(campaign, "run_many", never)
     again = run_campaign(SMALL, CAR, tmp_path)
     np.testing.assert_array_equal(again.error, first.error)
 
@@ -140,7 +140,7 @@ def test_the_filter_follows_the_convention_of_the_road():
     ],
 )
 def test_bad_settings_are_named_before_anything_runs(changes, message, monkeypatch):
-    monkeypatch.setattr(campaign, "run_one", never)
+    monkeypatch.setattr(campaign, "run_many", never)
     with pytest.raises(InputError, match=message):
         run_campaign(replace(SMALL, **changes), CAR)
 

@@ -29,6 +29,7 @@ from wheelhop.filtering import (
     unscented,
 )
 from wheelhop.filtering.sigma_points import Rule
+from wheelhop.staging import stage
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.quarter_car import (
     Accelerations,
@@ -151,7 +152,7 @@ def corner_model(substeps: int = 1) -> StateSpaceModel:
     def observation_cov(params: MemberParams) -> tuple:
         return ((params.noise_a_s**2,), (0.0, params.noise_a_u**2))
 
-    return StateSpaceModel(transition, observation, process_cov, observation_cov)
+    return StateSpaceModel(stage(transition), stage(observation), process_cov, observation_cov)
 
 
 def substeps_for(dt: float) -> int:
@@ -249,7 +250,9 @@ def prior(car: QuarterCar, tuning: Tuning = Tuning()) -> Gaussian:
 def bind_speed(params: InteractingParams, speed: Any) -> InteractingParams:
     """The parameters at a time of speed [m/s]."""
     members = params.members
-    return replace(params, members=replace(members, speed=jnp.full_like(members.speed, speed)))
+    speed = jnp.asarray(speed, members.speed.dtype)
+    every_mode = jnp.broadcast_to(speed[None], (members.speed.shape[0], *speed.shape))
+    return replace(params, members=replace(members, speed=every_mode))
 
 
 def validate_tuning(tuning: Tuning) -> Tuning:

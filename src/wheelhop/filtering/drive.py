@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -11,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from wheelhop.filtering.interface import Filter, Info, Named, Params, State
+from wheelhop.staging import staged_jit
 
 Bind = Callable[[Params, Any], Params]
 """(params, inputs at one time) -> params at that time."""
@@ -26,7 +28,8 @@ class Trajectory(NamedTuple):
     info: Info
 
 
-def _keep_all(state: State, info: Info) -> Any:
+def keep_all(state: State, info: Info) -> Trajectory:
+    """The default `Keep`: everything."""
     return Trajectory(state, info)
 
 
@@ -44,7 +47,7 @@ def scan(
     *,
     inputs: Any = None,
     bind: Bind = constant_params,
-    keep: Keep = _keep_all,
+    keep: Keep = keep_all,
 ) -> tuple[State, Any]:
     """Filter a record and return the final state too.
 
@@ -82,21 +85,46 @@ def log_likelihood(
     *,
     inputs: Any = None,
     bind: Bind = constant_params,
+    segment: int | None = None,
 ) -> Any:
-    """log p(y_1..y_T | params), differentiable in reverse mode at the memory of one step.
+    """log p(y_1..y_T | params), differentiable in reverse mode through long records.
 
-    The step is rematerialised in the backward pass (`jax.checkpoint`), so that memory holds
-    the states of the record and not the intermediates of every step.
+    Steps and segments of the record are rematerialised in the backward pass, so that memory
+    holds the states at the segments' ends and those of one segment: flat in practice, about
+    2 sqrt(T) states.
+
+    Args:
+        filter, state, ys, params, inputs, bind: as in `scan`.
+        segment: samples per segment; the square root of the record's length by default.
+
+    Raises:
+        ValueError: if `segment` is not positive.
     """
-    body = jax.checkpoint(filter.step)
+    samples = jax.tree.leaves(ys)[0].shape[0]
+    segment = max(1, math.isqrt(samples)) if segment is None else segment
+    if segment < 1:
+        raise ValueError(f"segment={segment}: give at least 1 sample per segment")
+    segments = -(-samples // segment)
+
+    def cut(array: Any) -> Any:
+        extra = segments * segment - samples
+        if extra:
+            fill = jnp.broadcast_to(array[-1:], (extra, *array.shape[1:]))
+            array = jnp.concatenate([array, fill])
+        return array.reshape(segments, segment, *array.shape[1:])
 
     def add(carry: tuple[State, Any], slices: Any) -> tuple[tuple[State, Any], None]:
-        y, u = slices
-        new, info = body(carry[0], y, bind(params, u))
-        return (new, carry[1] + info.log_likelihood), None
+        y, u, real = slices
+        new, info = filter.step(carry[0], y, bind(params, u))
+        return (new, carry[1] + jnp.where(real, info.log_likelihood, 0.0)), None
 
-    zero = jnp.zeros((), jax.tree.leaves(state)[0].dtype)
-    (_, total), _ = jax.lax.scan(add, (state, zero), (ys, inputs))
+    def add_segment(carry: Any, slices: Any) -> tuple[Any, None]:
+        return jax.lax.scan(jax.checkpoint(add), carry, slices)
+
+    record = jax.tree.map(cut, (ys, inputs))
+    real = jnp.arange(segments * segment).reshape(segments, segment) < samples
+    zero = jnp.zeros(jax.tree.leaves(ys)[0].shape[1:], jax.tree.leaves(state)[0].dtype)
+    (_, total), _ = jax.lax.scan(jax.checkpoint(add_segment), (state, zero), (*record, real))
     return total
 
 
@@ -109,7 +137,7 @@ def run_in_chunks(
     chunk: int,
     inputs: Any = None,
     bind: Bind = constant_params,
-    keep: Keep = _keep_all,
+    keep: Keep = keep_all,
 ) -> Iterator[tuple[int, Any]]:
     """Filter a long record piece by piece, in one compiled function.
 
@@ -145,7 +173,7 @@ def run_in_chunks(
 def _compiled_piece(filter: Filter, bind: Bind, keep: Keep) -> Callable[..., tuple[State, Any]]:
     """One jitted function per filter, so that the next record does not compile again."""
 
-    @jax.jit
+    @staged_jit
     def piece(state: State, ys: Named, inputs: Any, params: Params) -> tuple[State, Any]:
         return scan(filter, state, ys, params, inputs=inputs, bind=bind, keep=keep)
 

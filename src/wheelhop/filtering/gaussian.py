@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from wheelhop.filtering import smallmat
 from wheelhop.filtering.interface import Lower, Named
+from wheelhop.staging import stage
 
 
 class Gaussian(NamedTuple):
@@ -57,6 +58,7 @@ def dense(belief: Gaussian) -> tuple[Array, Array]:
     return jnp.stack(tuple(belief.mean), axis=-1), smallmat.to_dense(belief.cov)
 
 
+@stage
 def moment_match(weights: Any, stacked: Gaussian) -> Gaussian:
     """One Gaussian with the mean and covariance of a mixture.
 
@@ -89,6 +91,7 @@ def trailing(array: Any, axes: int) -> Any:
     return array.reshape(array.shape + (1,) * (axes - array.ndim))
 
 
+@stage
 def normalised_square(deviation: Named, cov: Lower) -> Any:
     """d^T cov^-1 d: the squared Mahalanobis length behind NEES and NIS."""
     factor, _ = smallmat.cholesky(cov)

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 
 from wheelhop.filtering.gaussian import Gaussian, moment_match, normalised_square, trailing
 from wheelhop.filtering.interface import Filter, Info, Named, all_finite
+from wheelhop.staging import stage
 
 
 @jax.tree_util.register_dataclass
@@ -92,6 +93,7 @@ def interacting(member: Filter) -> Filter:
     return Filter(init, step, mix)
 
 
+@stage
 def mixing(log_probabilities: Any, transition: Any) -> tuple[Any, Any]:
     """Predicted log mode probabilities [m] and mixing weights W[i, j] from i into j [m, m].
 
@@ -111,6 +113,7 @@ def mixing(log_probabilities: Any, transition: Any) -> tuple[Any, Any]:
     return predicted, weights
 
 
+@stage
 def correct(predicted: Any, log_likelihoods: Any) -> tuple[Any, Any]:
     """Posterior log mode probabilities [m] and the mixture's log-likelihood.
 
@@ -121,10 +124,13 @@ def correct(predicted: Any, log_likelihoods: Any) -> tuple[Any, Any]:
     joint = jnp.where(usable, predicted + jnp.where(usable, log_likelihoods, 0.0), -jnp.inf)
     total = _log_sum_exp(joint)
     explained = jnp.isfinite(total)
-    posterior = jnp.where(explained, joint - jnp.where(explained, total, 0.0), predicted)
+    posterior = jnp.where(
+        explained[None], joint - jnp.where(explained, total, 0.0)[None], predicted
+    )
     return posterior, jnp.where(explained, total, jnp.nan)
 
 
+@stage
 def _mixture_info(probabilities: Any, infos: Info, log_likelihood: Any, finite: Any) -> Info:
     """Info of the mixture; the innovation is moment-matched over the members' predictions."""
     matched = moment_match(probabilities, Gaussian(infos.innovation, infos.innovation_cov))

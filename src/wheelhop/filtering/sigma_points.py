@@ -1,24 +1,41 @@
 """Sigma-point rules: where the points lie and what they weigh.
 
-Every rule here is a central point plus n symmetric pairs, mean +- spread * column_j of the
-Cholesky factor. A pair is kept as its odd and even part, which gives covariances as sums of
-squares: nothing is subtracted.
+Every rule here is a central point plus symmetric pairs, mean +- L u. A pair is kept as its odd
+and even part, which gives covariances as sums of squares: nothing is subtracted.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from itertools import product
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 
 from wheelhop.filtering import smallmat
 from wheelhop.filtering.interface import Lower, Named
+from wheelhop.staging import stage
+
+
+class Moments(NamedTuple):
+    """Moments of a function of a Gaussian, from its sigma points.
+
+    Attributes:
+        mean: a NamedTuple, what the function returned.
+        odd: per entry, [n, ...]: the matrix G with cov(x, f) = L G^T and cov(f) = G G^T + even.
+        even: lower triangle of the part of cov(f) that is even in x: its nonlinearity.
+    """
+
+    mean: Named
+    odd: tuple[Any, ...]
+    even: Lower
 
 
 class SigmaRule(NamedTuple):
-    """A symmetric rule for n dimensions.
+    """A central point and n pairs along the Cholesky columns, all pairs of one weight.
 
     Attributes:
         spread: distance of the points in Cholesky columns.
@@ -37,23 +54,104 @@ class SigmaRule(NamedTuple):
         """Whether the central point must be evaluated at all."""
         return self.center_mean != 0.0 or self.center_cov != 0.0
 
+    def points(self, mean: Named, factor: Lower) -> Named:
+        """The points for N(mean, L L^T) [k, ...]: pairs first, the central point last."""
+        points = []
+        for component, row in zip(mean, smallmat.rows_of(factor), strict=True):
+            center = component[None]
+            parts = [center + self.spread * row, center - self.spread * row]
+            points.append(jnp.concatenate([*parts, center] if self.has_center else parts))
+        return type(mean)(*points)
 
-Rule = Callable[[int], SigmaRule]
-"""A rule for any dimension: n -> SigmaRule."""
+    def weigh(self, values: Named) -> Moments:
+        """Moments from the function's values at the points, entries [k, ...]."""
+        n = values[0].shape[0] // 2
+        pair_sum = [v[:n] + v[n : 2 * n] for v in values]
+        average = [self.pair_weight * jnp.sum(s, 0) for s in pair_sum]
+        if self.has_center:
+            average = [
+                m + self.center_mean * v[2 * n] for m, v in zip(average, values, strict=True)
+            ]
+        scale = math.sqrt(2.0 * self.pair_weight)
+        odd = tuple(0.5 * scale * (v[:n] - v[n : 2 * n]) for v in values)
+        even = smallmat.gram(
+            [scale * (0.5 * s - m[None]) for s, m in zip(pair_sum, average, strict=True)]
+        )
+        if self.center_cov != 0.0:
+            center = [v[2 * n] - m for v, m in zip(values, average, strict=True)]
+            even = _add_outer(even, self.center_cov, center)
+        return Moments(type(values)(*average), odd, even)
 
 
-class Moments(NamedTuple):
-    """Moments of a function of a Gaussian, from its sigma points.
+class PairRule(NamedTuple):
+    """A central point and pairs in any directions, each with its weight.
 
     Attributes:
-        mean: a NamedTuple, what the function returned.
-        odd: per entry, [n, ...]: the matrix G with cov(x, f) = L G^T and cov(f) = G G^T + even.
-        even: lower triangle of the part of cov(f) that is even in x: its nonlinearity.
+        directions: [pairs][n], coordinates in Cholesky columns of one point of each pair;
+            sum_k 2 w_k u_k u_k^T = I.
+        pair_weights: [pairs], weight of each of the two points of a pair.
+        center: weight of the central point; 0 leaves it out.
     """
 
-    mean: Named
-    odd: tuple[Any, ...]
-    even: Lower
+    directions: tuple[tuple[float, ...], ...]
+    pair_weights: tuple[float, ...]
+    center: float
+
+    @property
+    def spread(self) -> float:
+        """Largest distance of a point, in standard deviations."""
+        return max(math.hypot(*u) for u in self.directions)
+
+    def points(self, mean: Named, factor: Lower) -> Named:
+        """The points for N(mean, L L^T) [k, ...]: pairs first, the central point last."""
+        points = []
+        for component, row in zip(mean, factor, strict=True):
+            center = component[None]
+            offset = sum(self._column(j, entry) * entry[None] for j, entry in enumerate(row))
+            parts = [center + offset, center - offset]
+            points.append(jnp.concatenate([*parts, center] if self.center else parts))
+        return type(mean)(*points)
+
+    def weigh(self, values: Named) -> Moments:
+        """Moments from the function's values at the points, entries [k, ...].
+
+        With O_k = sqrt(2 w_k) (f_k+ - f_k-) / 2 and V = [sqrt(2 w_k) u_k], whose columns are
+        orthonormal, G = O V, and O O^T = G G^T + (O - G V^T)(O - G V^T)^T: still no subtraction
+        of covariances.
+        """
+        pairs, n = len(self.directions), len(self.directions[0])
+        like = values[0]
+        weight = self._constant(self.pair_weights, like)
+        root = self._constant([math.sqrt(2.0 * w) for w in self.pair_weights], like)
+        total = [v[:pairs] + v[pairs : 2 * pairs] for v in values]
+        average = [jnp.sum(weight * s, 0) for s in total]
+        if self.center:
+            average = [m + self.center * v[-1] for m, v in zip(average, values, strict=True)]
+        odd, pieces = [], []
+        for v, s, m in zip(values, total, average, strict=True):
+            columns = 0.5 * root * (v[:pairs] - v[pairs : 2 * pairs])
+            v_columns = [root * self._column(j, m) for j in range(n)]
+            slopes = [jnp.sum(columns * c, 0) for c in v_columns]
+            residual = columns - sum(g[None] * c for g, c in zip(slopes, v_columns, strict=True))
+            odd.append(jnp.stack(slopes))
+            pieces.append(jnp.concatenate([residual, root * (0.5 * s - m[None])]))
+        even = smallmat.gram(pieces)
+        if self.center:
+            center = [v[-1] - m for v, m in zip(values, average, strict=True)]
+            even = _add_outer(even, self.center, center)
+        return Moments(type(values)(*average), tuple(odd), even)
+
+    def _column(self, j: int, like: Any) -> Any:
+        return self._constant([u[j] for u in self.directions], like[None])
+
+    @staticmethod
+    def _constant(numbers: Sequence[float], like: Any) -> Any:
+        """Numbers along the leading axis, of the type and number of axes of an array."""
+        return jnp.asarray(numbers, like.dtype).reshape((-1,) + (1,) * (like.ndim - 1))
+
+
+Rule = Callable[[int], SigmaRule | PairRule]
+"""A rule for any dimension: n -> SigmaRule or PairRule."""
 
 
 def scaled(alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> Rule:
@@ -84,43 +182,66 @@ def cubature(n: int) -> SigmaRule:
     return SigmaRule(math.sqrt(n), 0.5 / n, 0.0, 0.0)
 
 
+def gauss_hermite(order: int = 3) -> Rule:
+    """Gauss-Hermite product rule (Ito & Xiong 2000), order^n points.
+
+    Exact for polynomials of degree 2 order - 1 in each Cholesky coordinate.
+
+    Args:
+        order: points per dimension, 2 or more; 3 is usual.
+
+    Raises:
+        ValueError: if `order` is below 2, or when used, beyond 20,000 points.
+    """
+    if order < 2:
+        raise ValueError(f"order={order}: one point per dimension sees no spread; use 2 or more")
+    return _gauss_hermite(order)
+
+
+@lru_cache(maxsize=16)
+def _gauss_hermite(order: int) -> Rule:
+    """One rule per order, so that equal filters compile once."""
+
+    @lru_cache(maxsize=16)
+    def rule(n: int) -> PairRule:
+        if order**n > 20_000:
+            raise ValueError(
+                f"order={order}: {order}^{n} = {order**n} points for {n} dimensions are too many; "
+                "lower the order or use `cubature`"
+            )
+        nodes, weights = np.polynomial.hermite_e.hermegauss(order)
+        weights = weights / weights.sum()
+        half = order**n // 2  # the product grid mirrors about its middle
+        grid = list(product(range(order), repeat=n))
+        directions = tuple(tuple(float(nodes[i]) for i in at) for at in grid[:half])
+        pair_weights = tuple(float(np.prod(weights[list(at)])) for at in grid[:half])
+        center = float(np.prod(weights[list(grid[half])])) if order % 2 else 0.0
+        return PairRule(directions, pair_weights, center)
+
+    return rule
+
+
 def transform(
-    function: Callable[[Named], Named], mean: Named, factor: Lower, rule: SigmaRule
+    function: Callable[[Named], Named], mean: Named, factor: Lower, rule: SigmaRule | PairRule
 ) -> Moments:
     """Moments of `function(x)` for x ~ N(mean, L L^T), exact to the rule's degree.
 
     Args:
-        function: elementwise map of the named components; evaluated once, on entries
-            [2n or 2n + 1] that hold all sigma points.
+        function: elementwise map of the named components; evaluated once, on entries [k, ...]
+            that hold all sigma points.
         mean: named components.
         factor: lower Cholesky factor L of the covariance.
         rule: the sigma-point rule for n = len(mean).
     """
-    n = len(mean)
-    points = []
-    for component, row in zip(mean, smallmat.rows_of(factor), strict=True):
-        center = component[None]
-        parts = [center + rule.spread * row, center - rule.spread * row]
-        points.append(jnp.concatenate([*parts, center] if rule.has_center else parts))
-    values = function(type(mean)(*points))
-    shape = points[0].shape
-    values = type(values)(*(jnp.broadcast_to(v, shape) for v in values))
+    points = stage(rule.points)(mean, factor)
+    values = function(points)
+    values = type(values)(*(jnp.broadcast_to(v, points[0].shape) for v in values))
+    return stage(rule.weigh)(values)
 
-    pair_sum = [v[:n] + v[n : 2 * n] for v in values]
-    average = [rule.pair_weight * jnp.sum(s, 0) for s in pair_sum]
-    if rule.has_center:
-        average = [m + rule.center_mean * v[2 * n] for m, v in zip(average, values, strict=True)]
-    scale = math.sqrt(2.0 * rule.pair_weight)
-    odd = tuple(0.5 * scale * (v[:n] - v[n : 2 * n]) for v in values)
-    deviation = [scale * (0.5 * s - m[None]) for s, m in zip(pair_sum, average, strict=True)]
-    even = smallmat.gram(deviation)
-    if rule.center_cov != 0.0:
-        center_dev = [v[2 * n] - m for v, m in zip(values, average, strict=True)]
-        even = tuple(
-            tuple(
-                entry + rule.center_cov * center_dev[i] * center_dev[j]
-                for j, entry in enumerate(row)
-            )
-            for i, row in enumerate(even)
-        )
-    return Moments(type(values)(*average), odd, even)
+
+def _add_outer(a: Lower, weight: float, x: Sequence[Any]) -> Lower:
+    """A + weight x x^T, lower triangles."""
+    return tuple(
+        tuple(entry + weight * x[i] * x[j] for j, entry in enumerate(row))
+        for i, row in enumerate(a)
+    )

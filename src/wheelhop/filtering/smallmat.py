@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from wheelhop.filtering.interface import Lower
+from wheelhop.staging import stage
 
 
 def from_dense(matrix: Float[Array, "n n"]) -> Lower:
@@ -53,6 +54,7 @@ def gram(rows: Sequence[Array]) -> Lower:
     )
 
 
+@stage
 def cholesky(a: Lower, guard: float | None = None) -> tuple[Lower, Any]:
     """Lower Cholesky factor of a positive semidefinite matrix.
 

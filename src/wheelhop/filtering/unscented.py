@@ -26,7 +26,8 @@ def unscented(
 
     Args:
         model: the state-space model; its functions take all sigma points at once.
-        rule: a sigma-point rule, `cubature` or `scaled(alpha, beta, kappa)`.
+        rule: a sigma-point rule, `cubature`, `scaled(alpha, beta, kappa)` or
+            `gauss_hermite(order)`.
         measurement_update: how a measurement is taken in: `condition`, or one of `robust`.
 
     Returns:

@@ -12,8 +12,10 @@ from wheelhop.filtering import smallmat
 from wheelhop.filtering.gaussian import Gaussian
 from wheelhop.filtering.interface import Flags, Info, Lower, Named, all_finite
 from wheelhop.filtering.sigma_points import Moments
+from wheelhop.staging import stage
 
 
+@stage
 def mask_missing(y: Named, moments: Moments, noise: Lower) -> tuple[tuple, tuple, Lower, list]:
     """Innovation and its ingredients with the missing entries taken out.
 
@@ -40,6 +42,7 @@ def mask_missing(y: Named, moments: Moments, noise: Lower) -> tuple[tuple, tuple
     return innovation, odd, residual, present
 
 
+@stage
 def condition(
     predicted: Gaussian, factor: Lower, moments: Moments, noise: Lower, y: Named, guarded: Any
 ) -> tuple[Gaussian, Info]:
@@ -88,6 +91,7 @@ def condition(
     return updated, report
 
 
+@stage
 def gain_rows(rows: Sequence[Any], odd: Sequence[Any], root: Lower) -> list[tuple[Any, ...]]:
     """Rows of the gain K = L G^T S^-1.
 

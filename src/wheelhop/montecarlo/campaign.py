@@ -1,4 +1,4 @@
-"""A campaign: chunks of vmapped runs, each stored as it ends, resumed where it stopped."""
+"""A campaign: chunks of runs, each stored as it ends, resumed where it stopped."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ import numpy as np
 from wheelhop import __version__
 from wheelhop.errors import DivergenceError, InputError
 from wheelhop.io.results import write_atomically, write_json
-from wheelhop.montecarlo.run import RunResult, run_one
+from wheelhop.montecarlo.run import RunResult, run_many
 from wheelhop.montecarlo.scenarios import CampaignSettings, validate_settings
+from wheelhop.staging import staged_jit
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.tire import require_stiff
 
@@ -33,7 +34,7 @@ def run_campaign(
     store: Path | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> RunResult:
-    """Run a campaign, one jitted call vmapped over runs per chunk.
+    """Run a campaign, one compiled call per chunk of runs.
 
     Args:
         settings: of the campaign.
@@ -55,7 +56,7 @@ def run_campaign(
     if store is not None:
         _open_store(Path(store), key)
     size = min(CHUNK, settings.runs)
-    chunk = jax.jit(jax.vmap(partial(run_one, settings), in_axes=(None, 0)))
+    chunk = staged_jit(partial(run_many, settings))
     car = jax.tree.map(lambda a: jnp.asarray(a, float), car)
     pieces = []
     for first in range(0, settings.runs, size):

@@ -1,7 +1,8 @@
-"""One Monte Carlo run, a pure function: draw, simulate, measure, filter, compare."""
+"""Monte Carlo runs as pure functions: draw, simulate, measure, filter, compare."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -16,10 +17,16 @@ from wheelhop.estimators.immuf import (
     prior,
 )
 from wheelhop.evaluation.consistency import nees
-from wheelhop.filtering import drive, standard_deviation
-from wheelhop.montecarlo.scenarios import CampaignSettings, draw_scenario
+from wheelhop.filtering import (
+    Gaussian,
+    Info,
+    InteractingState,
+    run_batch,
+    standard_deviation,
+)
+from wheelhop.montecarlo.scenarios import CampaignSettings, Scenario, draw_scenario
 from wheelhop.vehicle.parameters import QuarterCar
-from wheelhop.vehicle.quarter_car import RelativeState
+from wheelhop.vehicle.quarter_car import Accelerations, RelativeState
 from wheelhop.vehicle.scenario import (
     constant_travel,
     road_rise_of_class,
@@ -74,46 +81,80 @@ def report_times(settings: CampaignSettings) -> np.ndarray:
     return stride / settings.rate * np.arange(1, count + 1)
 
 
-def run_one(settings: CampaignSettings, car: QuarterCar, run: Any) -> RunResult:
-    """Run number `run` of a campaign; vmap over it.
+class Drive(NamedTuple):
+    """What a run is about: the drawn scenario, the true motion and what the sensors said."""
+
+    scenario: Scenario
+    state: RelativeState
+    measured: Accelerations
+
+
+class Kept(NamedTuple):
+    """What is kept of each filter step."""
+
+    combined: Gaussian
+    log_probabilities: Any
+    nis: Any
+    nonfinite: Any
+
+
+def run_many(settings: CampaignSettings, car: QuarterCar, runs: Any) -> RunResult:
+    """Runs of a campaign by their numbers: draw, simulate, filter in lanes, compare.
 
     The true motion starts from a draw of the filter's prior, so that the filter's prior is
     the truth's distribution; the pressure is uniform where the prior is Gaussian.
+
+    Args:
+        settings: of the campaign.
+        car: the corner.
+        runs: numbers of the runs, [runs].
     """
-    scenario = draw_scenario(settings, run)
+    drives = jax.vmap(partial(simulate_run, settings, car))(runs)
     dt = 1.0 / settings.rate
+    filter = immuf(dt)
+    params = immuf_params(car, 1.0, dt, settings.tuning, settings.classes, settings.convention)
+    samples = drives.measured.a_s.shape[1]
+    kept = run_batch(
+        filter,
+        filter.init(prior(car, settings.tuning), params),
+        drives.measured,
+        params,
+        inputs=jnp.repeat(drives.scenario.speed[:, None], samples, axis=1),
+        bind=bind_speed,
+        keep=_keep,
+    )
+    return jax.vmap(partial(compare, settings, car))(drives, kept)
+
+
+def simulate_run(settings: CampaignSettings, car: QuarterCar, run: Any) -> Drive:
+    """Draw and drive run number `run`; vmap over it."""
+    scenario = draw_scenario(settings, run)
     samples = round(settings.duration * settings.rate)
-    stiffness = stiffness_from_pressure(scenario.pressure, car.tire)
-    belief = prior(car, settings.tuning)
     start = RelativeState(
-        *(s * n for s, n in zip(standard_deviation(belief)[:4], scenario.motion, strict=True))
+        *(
+            s * n
+            for s, n in zip(
+                standard_deviation(prior(car, settings.tuning))[:4], scenario.motion, strict=True
+            )
+        )
     )
     road_key, sensor_key = jax.random.split(scenario.key)
     travel = constant_travel(scenario.speed, samples, settings.rate, settings.substeps)
     rise = road_rise_of_class(road_key, scenario.level, travel, settings.convention)
     sensor = Sensor(noise=settings.noise)
-    truth, ys = simulate_and_measure(
-        sensor_key, car, start, scenario.pressure, rise, dt, (sensor, sensor)
+    truth, measured = simulate_and_measure(
+        sensor_key, car, start, scenario.pressure, rise, 1.0 / settings.rate, (sensor, sensor)
     )
+    return Drive(scenario, truth.state, measured)
 
-    filter = immuf(dt)
-    params = immuf_params(car, 1.0, dt, settings.tuning, settings.classes, settings.convention)
-    params = bind_speed(params, scenario.speed)
-    trajectory = drive.run(
-        filter,
-        filter.init(belief, params),
-        ys,
-        params,
-        keep=lambda state, info: (
-            state.combined,
-            jnp.exp(state.log_probabilities[scenario.road_class]),
-            info.nis,
-            info.flags.nonfinite,
-        ),
-    )
-    combined, probability, nis, nonfinite = trajectory
+
+def compare(settings: CampaignSettings, car: QuarterCar, drive: Drive, kept: Kept) -> RunResult:
+    """Errors of one run's estimate against its truth, thinned; vmap over both."""
+    scenario, combined = drive.scenario, kept.combined
+    samples = drive.measured.a_s.shape[0]
+    stiffness = stiffness_from_pressure(scenario.pressure, car.tire)
     ln_k_t = jnp.full((samples,), jnp.log(stiffness))
-    full = nees(combined, CornerState(*truth.state, ln_k_t))
+    full = nees(combined, CornerState(*drive.state, ln_k_t))
     ln_error = combined.mean.ln_k_t - ln_k_t
     estimate = jnp.exp(combined.mean.ln_k_t)
     slope = pressure_slope(car.tire)
@@ -128,7 +169,11 @@ def run_one(settings: CampaignSettings, car: QuarterCar, run: Any) -> RunResult:
         sigma=(slope * estimate * jnp.sqrt(combined.cov[4][4]))[thin],
         nees=full[thin],
         nees_stiffness=(ln_error**2 / combined.cov[4][4])[thin],
-        true_class_probability=probability[thin],
-        nis=jnp.mean(nis[: samples // every * every].reshape(-1, every), axis=1),
-        nonfinite=jnp.any(nonfinite),
+        true_class_probability=jnp.exp(kept.log_probabilities[:, scenario.road_class])[thin],
+        nis=jnp.mean(kept.nis[: samples // every * every].reshape(-1, every), axis=1),
+        nonfinite=jnp.any(kept.nonfinite),
     )
+
+
+def _keep(state: InteractingState, info: Info) -> Kept:
+    return Kept(state.combined, state.log_probabilities, info.nis, info.flags.nonfinite)

@@ -8,6 +8,7 @@ from typing import Any
 import jax
 
 from wheelhop.errors import InputError
+from wheelhop.staging import stage
 
 Derivative = Callable[[Any], Any]
 """x -> x', both the same NamedTuple."""
@@ -20,6 +21,7 @@ def euler(derivative: Derivative, x: Any, dt: Any) -> Any:
 
 def rk4(derivative: Derivative, x: Any, dt: Any) -> Any:
     """Classical Runge-Kutta, fourth order."""
+    derivative = stage(derivative)
     k1 = derivative(x)
     k2 = derivative(_advance(x, k1, 0.5 * dt))
     k3 = derivative(_advance(x, k2, 0.5 * dt))

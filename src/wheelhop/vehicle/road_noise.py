@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from wheelhop.staging import stage
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.quarter_car import RelativeState
 
@@ -15,6 +16,7 @@ _NODES = ((0.5 - 0.15**0.5, 5 / 18), (0.5, 8 / 18), (0.5 + 0.15**0.5, 5 / 18))
 _SERIES = (1.0, 1.0, 1 / 2, 1 / 6, 1 / 24)
 
 
+@stage
 def road_noise_cov(
     stiffness: Any, intensity: Any, dt: Any, car: QuarterCar, substeps: int = 1
 ) -> tuple:

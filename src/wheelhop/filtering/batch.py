@@ -1,0 +1,216 @@
+"""Many runs at once, in lanes: the fast way to filter a Monte Carlo.
+
+`run_batch` gives what `jax.vmap(drive.run)` gives. Instead of batching every operation it lays the
+runs along the trailing axis of every entry, where they fill the SIMD lanes, in chunks that fit the
+cache; chunks are shared among the devices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache, partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from wheelhop.filtering import drive
+from wheelhop.filtering.drive import Bind, Keep, constant_params
+from wheelhop.filtering.interface import Filter, Named, Params, State
+from wheelhop.staging import staged_jit
+
+LANES = 128
+"""Runs per chunk: enough to fill the vector units, few enough for the cache."""
+
+Axes = Any
+"""(state, ys, params, inputs): 0 where a tree or a part of it leads with a run axis, else None."""
+
+_ONE_RECORD_PER_RUN = (None, 0, None, 0)
+
+
+def run_batch(
+    filter: Filter,
+    state: State,
+    ys: Named,
+    params: Params,
+    *,
+    inputs: Any = None,
+    bind: Bind = constant_params,
+    keep: Keep = drive.keep_all,
+    in_axes: Axes = _ONE_RECORD_PER_RUN,
+    lanes: int = LANES,
+) -> Any:
+    """Filter many records; equal to `drive.run` vmapped over them.
+
+    Called with concrete arrays it compiles once per filter and shape; inside `jit` or `grad` it is
+    traced into the caller, who gets the staged speed from `staging.staged_jit`.
+
+    Args:
+        filter: any `Filter`. Its model functions, `bind` and `keep` must be elementwise: they meet
+            entries [lanes] where `drive.run` gives them scalars.
+        state: state one sampling interval before the first sample.
+        ys: measurements, entries [runs, time].
+        params: the filter's parameters.
+        inputs: what varies in time, leaves [runs, time, ...].
+        bind: puts the inputs of one time into the parameters.
+        keep: chooses what to store of each step.
+        in_axes: which of (state, ys, params, inputs) have a leading run axis, as in `jax.vmap`:
+            each 0, None or a tree of these.
+        lanes: runs per chunk.
+
+    Returns:
+        What `keep` chose, leaves [runs, time, ...].
+
+    Raises:
+        ValueError: if `lanes` is not positive or the run axes differ in length.
+    """
+    return _batched(_Run(filter, bind, keep), (state, ys, params, inputs), in_axes, lanes)
+
+
+def log_likelihood_batch(
+    filter: Filter,
+    state: State,
+    ys: Named,
+    params: Params,
+    *,
+    inputs: Any = None,
+    bind: Bind = constant_params,
+    in_axes: Axes = _ONE_RECORD_PER_RUN,
+    lanes: int = LANES,
+    segment: int | None = None,
+) -> Any:
+    """log p(y_1..y_T | params) of every run [runs]; `drive.log_likelihood` in lanes.
+
+    Arguments as `run_batch`; `segment` as `drive.log_likelihood`.
+    """
+    work = _LogLikelihood(filter, bind, segment)
+    return _batched(work, (state, ys, params, inputs), in_axes, lanes)
+
+
+class _Run(tuple):
+    """What to do with one chunk; a tuple, so that equal work compiles once."""
+
+    def __new__(cls, filter: Filter, bind: Bind, keep: Keep) -> _Run:
+        return super().__new__(cls, (filter, bind, keep))
+
+    def __call__(self, state: Any, ys: Any, params: Any, inputs: Any) -> Any:
+        filter, bind, keep = self
+        return drive.run(filter, state, ys, params, inputs=inputs, bind=bind, keep=keep)
+
+
+class _LogLikelihood(tuple):
+    def __new__(cls, filter: Filter, bind: Bind, segment: int | None) -> _LogLikelihood:
+        return super().__new__(cls, (filter, bind, segment))
+
+    def __call__(self, state: Any, ys: Any, params: Any, inputs: Any) -> Any:
+        filter, bind, segment = self
+        return drive.log_likelihood(
+            filter, state, ys, params, inputs=inputs, bind=bind, segment=segment
+        )
+
+
+def _batched(work: Any, trees: tuple, in_axes: Axes, lanes: int) -> Any:
+    if lanes < 1:
+        raise ValueError(f"lanes={lanes}: give at least 1 run per chunk")
+    leaves, structure = jax.tree.flatten(trees)
+    mapped = tuple(_flat_axes(in_axes, trees))
+    lengths = {leaf.shape[0] for leaf, m in zip(leaves, mapped, strict=True) if m}
+    if len(lengths) != 1:
+        raise ValueError(
+            f"in_axes={in_axes}: run axes of length {sorted(lengths)}; mark with 0 what has a "
+            "leading run axis, all of one length"
+        )
+    (runs,) = lengths
+    compiled = _function(work, structure, mapped, runs, lanes)
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+        return compiled(leaves)
+    return _compiled(work, structure, mapped, runs, lanes)(leaves)
+
+
+@lru_cache(maxsize=64)
+def _compiled(*description: Any) -> Callable[[list[Any]], Any]:
+    return staged_jit(_function(*description))
+
+
+def _function(
+    work: Any, structure: Any, mapped: tuple[bool, ...], runs: int, lanes: int
+) -> Callable[[list[Any]], Any]:
+    """From leaves with leading run axes to results with leading run axes, by chunks in lanes."""
+    devices = jax.devices()
+    share = -(-runs // len(devices))
+    width = min(lanes, share)
+    chunks = -(-share // width) * len(devices)
+    padding = chunks * width - runs
+    mapped_tree = jax.tree.unflatten(structure, mapped)
+
+    def chunked(leaf: Any) -> Any:
+        """[runs, ...] to [chunks, ..., width], the last run repeated to fill up."""
+        leaf = jnp.asarray(leaf)
+        if padding:
+            fill = jnp.broadcast_to(leaf[-1:], (padding, *leaf.shape[1:]))
+            leaf = jnp.concatenate([leaf, fill])
+        return jnp.moveaxis(leaf.reshape(chunks, width, *leaf.shape[1:]), 1, -1)
+
+    def restored(leaf: Any) -> Any:
+        leaf = jnp.moveaxis(leaf, -1, 1)
+        return leaf.reshape(chunks * width, *leaf.shape[2:])[:runs]
+
+    def one_chunk(shared: list[Any], own: list[Any]) -> Any:
+        own_leaves, shared_leaves = iter(own), iter(shared)
+        both = [next(own_leaves) if m else next(shared_leaves) for m in mapped]
+        state, ys, params, inputs = jax.tree.unflatten(structure, both)
+        state = jax.tree.map(partial(_repeat, width), state, mapped_tree[0])
+        ys = jax.tree.map(partial(_repeat, width), ys, mapped_tree[1])
+        return jax.tree.map(partial(_check_lanes, width), work(state, ys, params, inputs))
+
+    def share_of_device(shared: list[Any], own: list[Any]) -> Any:
+        if chunks == len(devices):
+            first = one_chunk(shared, [leaf[0] for leaf in own])
+            return jax.tree.map(lambda a: a[None], first)
+        return jax.lax.map(lambda chunk: one_chunk(shared, chunk), own)
+
+    def whole(leaves: list[Any]) -> Any:
+        own = [chunked(leaf) for leaf, m in zip(leaves, mapped, strict=True) if m]
+        shared = [jnp.asarray(leaf) for leaf, m in zip(leaves, mapped, strict=True) if not m]
+        function = share_of_device
+        if len(devices) > 1:
+            mesh = jax.sharding.Mesh(np.asarray(devices), ("chunks",))
+            split = jax.sharding.PartitionSpec("chunks")
+            function = jax.shard_map(
+                share_of_device,
+                mesh=mesh,
+                in_specs=(jax.sharding.PartitionSpec(), split),
+                out_specs=split,
+                check_vma=False,
+            )
+        return jax.tree.map(restored, function(shared, own))
+
+    return whole
+
+
+def _repeat(width: int, leaf: Any, mapped: bool) -> Any:
+    """A leaf without a run axis, repeated in every lane."""
+    return leaf if mapped else jnp.broadcast_to(leaf[..., None], (*leaf.shape, width))
+
+
+def _check_lanes(width: int, leaf: Any) -> Any:
+    if leaf.ndim == 0 or leaf.shape[-1] != width:
+        raise ValueError(
+            f"a kept result of shape {leaf.shape} does not have {width} lanes last; keep what "
+            "follows from the state or the info by elementwise arithmetic"
+        )
+    return leaf
+
+
+def _flat_axes(in_axes: Axes, trees: tuple) -> list[bool]:
+    """Whether each leaf has a run axis, from a prefix tree of 0 and None."""
+    found: list[bool] = []
+
+    def spread(axis: Any, tree: Any) -> None:
+        if axis not in (0, None):
+            raise ValueError(f"in_axes={in_axes}: run axes lead, so each entry is 0 or None")
+        found.extend([axis == 0] * len(jax.tree.leaves(tree)))
+
+    jax.tree.map(spread, tuple(in_axes), trees, is_leaf=lambda a: a is None)
+    return found
