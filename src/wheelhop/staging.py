@@ -25,7 +25,7 @@ import numpy as np
 try:
     from jax.experimental.xla_metadata import set_xla_metadata
 except ImportError:  # a JAX release without it: plain compilation
-    set_xla_metadata = None
+    set_xla_metadata = None  # type: ignore[assignment]
 
 _ACTIVE: ContextVar[bool] = ContextVar("wheelhop_staging", default=False)
 

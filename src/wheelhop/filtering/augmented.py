@@ -58,10 +58,11 @@ def augmented(
         return prior
 
     def step(belief: Gaussian, y: Named, params: Params) -> tuple[Gaussian, Info]:
-        joint, factor, guarded = _joined(belief, model.process_noise(belief.mean, params))
+        noise = model.process_noise(belief.mean, params)
+        joint, factor, guarded = _joined(belief, noise)
 
         def transition(z: Named) -> Named:
-            return model.transition(*_parted(z, belief, joint), params)
+            return model.transition(*_parted(z, belief, noise), params)
 
         moments = transform(transition, joint.mean, factor, rule(len(joint.mean)))
         predicted = Gaussian(moments.mean, smallmat.add(smallmat.gram(moments.odd), moments.even))
@@ -70,10 +71,11 @@ def augmented(
     def update(
         predicted: Gaussian, y: Named, params: Params, guarded: Any
     ) -> tuple[Gaussian, Info]:
-        joint, factor, guard_acted = _joined(predicted, model.observation_noise(params))
+        noise = model.observation_noise(params)
+        joint, factor, guard_acted = _joined(predicted, noise)
 
         def observation(z: Named) -> Named:
-            return model.observation(*_parted(z, predicted, joint), params)
+            return model.observation(*_parted(z, predicted, noise), params)
 
         moments = transform(observation, joint.mean, factor, rule(len(joint.mean)))
         no_noise = tuple(tuple(jnp.zeros_like(entry) for entry in row) for row in moments.even)
@@ -98,7 +100,7 @@ def _joined(belief: Gaussian, noise: Gaussian) -> tuple[Gaussian, Lower, Any]:
     def block(a: Lower, b: Lower) -> Lower:
         return (*a, *((*((zero,) * n), *(entry + zero for entry in row)) for row in b))
 
-    kind = _joint_type(type(belief.mean), type(noise.mean))
+    kind = _joint_type(belief.mean._fields, noise.mean._fields)
     mean = kind(*belief.mean, *(m + zero for m in noise.mean))
     return (
         Gaussian(mean, block(belief.cov, noise.cov)),
@@ -107,16 +109,13 @@ def _joined(belief: Gaussian, noise: Gaussian) -> tuple[Gaussian, Lower, Any]:
     )
 
 
-def _parted(z: Named, belief: Gaussian, joint: Gaussian) -> tuple[Named, Named]:
+def _parted(z: Named, belief: Gaussian, noise: Gaussian) -> tuple[Named, Named]:
     """State and noise of a joint vector."""
     n = len(belief.mean)
-    return type(belief.mean)(*z[:n]), joint.mean.noise_type(*z[n:])
+    return type(belief.mean)(*z[:n]), type(noise.mean)(*z[n:])
 
 
 @lru_cache(maxsize=64)
-def _joint_type(state: type, noise: type) -> type:
-    names = [f"state_{name}" for name in state._fields]
-    names += [f"noise_{name}" for name in noise._fields]
-    kind = namedtuple("Joint", names)
-    kind.noise_type = noise
-    return kind
+def _joint_type(state: tuple[str, ...], noise: tuple[str, ...]) -> Any:
+    names = [f"state_{name}" for name in state] + [f"noise_{name}" for name in noise]
+    return namedtuple("Joint", names)

@@ -7,7 +7,7 @@ cache; chunks are shared among the devices.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 from typing import Any
 
@@ -40,6 +40,7 @@ def run_batch(
     keep: Keep = drive.keep_all,
     in_axes: Axes = _ONE_RECORD_PER_RUN,
     lanes: int = LANES,
+    devices: Sequence[Any] | None = None,
 ) -> Any:
     """Filter many records; equal to `drive.run` vmapped over them.
 
@@ -58,6 +59,8 @@ def run_batch(
         in_axes: which of (state, ys, params, inputs) have a leading run axis, as in `jax.vmap`:
             each 0, None or a tree of these.
         lanes: runs per chunk.
+        devices: that share the chunks; all by default. On CPUs JAX shows as many as
+            `jax_num_cpu_devices` says.
 
     Returns:
         What `keep` chose, leaves [runs, time, ...].
@@ -65,7 +68,8 @@ def run_batch(
     Raises:
         ValueError: if `lanes` is not positive or the run axes differ in length.
     """
-    return _batched(_Run(filter, bind, keep), (state, ys, params, inputs), in_axes, lanes)
+    work = _Run(filter, bind, keep)
+    return _batched(work, (state, ys, params, inputs), in_axes, lanes, devices)
 
 
 def log_likelihood_batch(
@@ -79,13 +83,14 @@ def log_likelihood_batch(
     in_axes: Axes = _ONE_RECORD_PER_RUN,
     lanes: int = LANES,
     segment: int | None = None,
+    devices: Sequence[Any] | None = None,
 ) -> Any:
     """log p(y_1..y_T | params) of every run [runs]; `drive.log_likelihood` in lanes.
 
     Arguments as `run_batch`; `segment` as `drive.log_likelihood`.
     """
     work = _LogLikelihood(filter, bind, segment)
-    return _batched(work, (state, ys, params, inputs), in_axes, lanes)
+    return _batched(work, (state, ys, params, inputs), in_axes, lanes, devices)
 
 
 class _Run(tuple):
@@ -110,7 +115,9 @@ class _LogLikelihood(tuple):
         )
 
 
-def _batched(work: Any, trees: tuple, in_axes: Axes, lanes: int) -> Any:
+def _batched(
+    work: Any, trees: tuple, in_axes: Axes, lanes: int, devices: Sequence[Any] | None
+) -> Any:
     if lanes < 1:
         raise ValueError(f"lanes={lanes}: give at least 1 run per chunk")
     leaves, structure = jax.tree.flatten(trees)
@@ -122,10 +129,10 @@ def _batched(work: Any, trees: tuple, in_axes: Axes, lanes: int) -> Any:
             "leading run axis, all of one length"
         )
     (runs,) = lengths
-    compiled = _function(work, structure, mapped, runs, lanes)
+    description = (work, structure, mapped, runs, lanes, tuple(devices or jax.devices()))
     if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
-        return compiled(leaves)
-    return _compiled(work, structure, mapped, runs, lanes)(leaves)
+        return _function(*description)(leaves)
+    return _compiled(*description)(leaves)
 
 
 @lru_cache(maxsize=64)
@@ -134,10 +141,14 @@ def _compiled(*description: Any) -> Callable[[list[Any]], Any]:
 
 
 def _function(
-    work: Any, structure: Any, mapped: tuple[bool, ...], runs: int, lanes: int
+    work: Any,
+    structure: Any,
+    mapped: tuple[bool, ...],
+    runs: int,
+    lanes: int,
+    devices: tuple[Any, ...],
 ) -> Callable[[list[Any]], Any]:
     """From leaves with leading run axes to results with leading run axes, by chunks in lanes."""
-    devices = jax.devices()
     share = -(-runs // len(devices))
     width = min(lanes, share)
     chunks = -(-share // width) * len(devices)

@@ -55,7 +55,7 @@ def predict(
     """Belief one sampling interval later, and whether the pivot guard acted."""
     n = len(belief.mean)
     sigma_rule = rule(n)
-    _refuse_cancellation(sigma_rule.spread**2 / n, belief.cov[0][0].dtype)
+    refuse_cancellation(sigma_rule.spread**2 / n, belief.cov[0][0].dtype)
     factor, guarded = smallmat.cholesky(belief.cov)
     moments = transform(lambda x: model.transition(x, params), belief.mean, factor, sigma_rule)
     cov = smallmat.add(smallmat.gram(moments.odd), moments.even)
@@ -81,7 +81,8 @@ def update(
     return measurement_update(predicted, factor, moments, noise, y, guard_acted | guarded)
 
 
-def _refuse_cancellation(relative_spread_squared: float, dtype: Any) -> None:
+def refuse_cancellation(relative_spread_squared: float, dtype: Any) -> None:
+    """Raise ValueError where float32 cannot tell the sigma points apart."""
     if dtype == jnp.float32 and relative_spread_squared < _SMALLEST_SPREAD_SQUARED_F32:
         raise ValueError(
             f"sigma points {relative_spread_squared**0.5:g} standard deviations apart cancel in "

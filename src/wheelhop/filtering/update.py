@@ -76,19 +76,49 @@ def condition(
     ]
     updated = Gaussian(type(predicted.mean)(*mean), smallmat.gram(kept))
 
-    white = smallmat.solve_lower(root, innovation)
+    info = report(
+        type(y)(*innovation),
+        innovation_cov,
+        smallmat.solve_lower(root, innovation),
+        root,
+        present,
+        updated,
+        guarded | guard_acted | noise_guarded,
+    )
+    return updated, info
+
+
+def report(
+    innovation: Named,
+    innovation_cov: Lower,
+    white: Sequence[Any],
+    root: Lower,
+    present: Sequence[Any],
+    updated: Any,
+    guarded: Any,
+) -> Info:
+    """The step's `Info`.
+
+    Args:
+        innovation: masked.
+        innovation_cov: S, masked.
+        white: innovation divided by the factor of S.
+        root: Cholesky factor of S.
+        present: which entries were measured.
+        updated: the new state, searched for what is not finite.
+        guarded: whether a guard acted in the step.
+    """
     nis = sum((w * w for w in white[1:]), white[0] * white[0])
     count = sum(p.astype(nis.dtype) for p in present)
     log_likelihood = -0.5 * (nis + smallmat.log_det(root) + math.log(2 * math.pi) * count)
     flags = Flags(
         missing=len(present) - sum(p.astype(jnp.int32) for p in present),
-        guarded=guarded | guard_acted | noise_guarded,
+        guarded=guarded,
         nonfinite=~all_finite((updated, log_likelihood)),
         lost_members=jnp.zeros_like(present[0], jnp.int32),
         rejected=jnp.zeros_like(present[0], jnp.int32),
     )
-    report = Info(type(y)(*innovation), innovation_cov, log_likelihood, nis, flags)
-    return updated, report
+    return Info(innovation, innovation_cov, log_likelihood, nis, flags)
 
 
 @stage
