@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from wheelhop.filtering import StateSpaceModel
+from wheelhop.filtering import AugmentedModel, Gaussian, StateSpaceModel
 
 
 class Track(NamedTuple):
@@ -42,6 +42,29 @@ def linear_model():
         observation=lambda x, p: Sensors(*_product(H, x)),
         process_cov=lambda x, p: _scaled_triangle(p, Q),
         observation_cov=lambda p: _scaled_triangle(p, R),
+    )
+
+
+class One(NamedTuple):
+    value: Any
+
+
+def augmented_linear_model():
+    """The same model with its rank-one noise as an argument."""
+    linear = linear_model()
+
+    def transition(x, w, p):
+        nxt = linear.transition(x, p)
+        return Track(nxt.position + 0.1 * w.value, nxt.velocity + 0.3 * w.value, nxt.bias)
+
+    def observation(x, v, p):
+        return Sensors(*(h + n for h, n in zip(linear.observation(x, p), v, strict=True)))
+
+    def observation_noise(p):
+        return Gaussian(Sensors(0.0, 0.0), _scaled_triangle(p, R))
+
+    return AugmentedModel(
+        transition, observation, lambda x, p: Gaussian(One(0.0), ((1.0 * p,),)), observation_noise
     )
 
 

@@ -1,12 +1,10 @@
 """Noise among the sigma points: exact for additive noise, and for noise that multiplies."""
 
-from typing import Any, NamedTuple
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from models import COV, MEAN, Q, R, Sensors, Track, kalman, linear_model, sample
+from models import COV, MEAN, One, Q, Sensors, Track, augmented_linear_model, kalman, sample
 
 from wheelhop.filtering import (
     AugmentedModel,
@@ -23,36 +21,13 @@ from wheelhop.filtering import (
 RULES = {"cubature": cubature, "uneven": scaled(0.5, 2.0, 1.0), "Gauss-Hermite": gauss_hermite(3)}
 
 
-class One(NamedTuple):
-    value: Any
-
-
-def additive():
-    """The linear test model with its rank-one noise as an argument."""
-    linear = linear_model()
-
-    def transition(x, w, p):
-        nxt = linear.transition(x, p)
-        return Track(nxt.position + 0.1 * w.value, nxt.velocity + 0.3 * w.value, nxt.bias)
-
-    def observation(x, v, p):
-        return Sensors(*(h + n for h, n in zip(linear.observation(x, p), v, strict=True)))
-
-    return AugmentedModel(
-        transition,
-        observation,
-        lambda x, p: gaussian(One(0.0), jnp.array([[1.0]]) * p),
-        lambda p: gaussian(Sensors(0.0, 0.0), jnp.asarray(R) * p),
-    )
-
-
 @pytest.mark.parametrize("rule", RULES)
 def test_additive_noise_gives_the_kalman_filter(rule):
     assert np.linalg.matrix_rank(Q) == 1
     _, ys = sample(0, 40)
     ys[7] = np.nan
     ys[9, 1] = np.nan
-    filter = augmented(additive(), RULES[rule])
+    filter = augmented(augmented_linear_model(), RULES[rule])
     prior = gaussian(Track(*MEAN), jnp.asarray(COV))
     trajectory = drive.run(filter, prior, Sensors(*jnp.asarray(ys.T)), 1.0)
     means, covs, log_likelihood = kalman(ys)

@@ -1,25 +1,50 @@
 """What every filter of the room must do: jit, vmap, grad, scan, float32, missing rows."""
 
+from dataclasses import replace
+from typing import Any, NamedTuple
+
 import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from models import COV, MEAN, F, H, Q, R, Sensors, Track, linear_model, sample
+from models import (
+    COV,
+    MEAN,
+    F,
+    H,
+    Q,
+    R,
+    Sensors,
+    Track,
+    augmented_linear_model,
+    linear_model,
+    sample,
+)
 
 from wheelhop.filtering import (
     InteractingParams,
     LinearGaussian,
+    SensitivityParams,
+    SensitivityPrior,
+    UnknownInputModel,
+    augmented,
     cubature,
+    decoupled,
     drive,
     extended,
+    gauss_hermite,
     gaussian,
+    independent,
     interacting,
     kalman,
+    run_batch,
     scaled,
+    sensitivity,
+    square_root_unscented,
+    unknown_input,
     unscented,
 )
-from wheelhop.filtering.batch import run_batch
 
 
 def imm_params(scale):
@@ -32,7 +57,43 @@ def matrices(scale):
     return LinearGaussian(*map(jnp.asarray, (F, H)), scale * jnp.asarray(Q), scale * jnp.asarray(R))
 
 
+class Push(NamedTuple):
+    value: Any
+
+
+def pushed(scale):
+    """An unknown input on the velocity; what depends on the scale is put in after preparing."""
+    zero = np.zeros((2, 1))
+    prepared = decoupled(UnknownInputModel(F, np.eye(3)[:, 1:2], H, zero, Q, R), np.eye(1))
+    model = replace(
+        prepared.model, process_cov=scale * jnp.asarray(Q), observation_cov=scale * jnp.asarray(R)
+    )
+    return replace(prepared, model=model)
+
+
+class Theta(NamedTuple):
+    log_scale: Any
+
+
+def searched(scale):
+    return SensitivityParams(scale, Theta(1e-4))
+
+
+def search_prior():
+    return SensitivityPrior(prior(), independent(Theta(0.0), Theta(0.3)))
+
+
+def search(inner):
+    return sensitivity(inner, lambda p, theta: p * jnp.exp(theta.log_scale))
+
+
 FILTERS = {
+    "Gauss-Hermite": (unscented(linear_model(), gauss_hermite(3)), lambda s: s),
+    "augmented": (augmented(augmented_linear_model()), lambda s: s),
+    "square root": (square_root_unscented(linear_model()), lambda s: s),
+    "interacting square root": (interacting(square_root_unscented(linear_model())), imm_params),
+    "unknown input": (unknown_input(Sensors, Push), pushed),
+    "recursive maximum likelihood": (search(unscented(linear_model())), searched, search_prior),
     "kalman": (kalman(Sensors), matrices),
     "cubature": (unscented(linear_model(), cubature), lambda s: s),
     "scaled": (unscented(linear_model(), scaled(0.8, 2.0, 0.3)), lambda s: s),
@@ -45,8 +106,8 @@ FILTERS = {
 
 @pytest.fixture(params=FILTERS)
 def case(request):
-    filter, params = FILTERS[request.param]
-    return filter, params
+    filter, params, *rest = FILTERS[request.param]
+    return filter, params, rest[0] if rest else prior
 
 
 def measurements(seed, steps=15):
@@ -60,15 +121,15 @@ def prior():
 
 
 def run(case, ys, scale=1.0):
-    filter, params = case
+    filter, params, belief = case
     p = params(scale)
-    return drive.run(filter, filter.init(prior(), p), ys, p)
+    return drive.run(filter, filter.init(belief(), p), ys, p)
 
 
 def test_step_keeps_the_structure_and_types_of_the_state(case):
-    filter, params = case
+    filter, params, belief = case
     p = params(1.0)
-    before = filter.init(prior(), p)
+    before = filter.init(belief(), p)
     y = jax.tree.map(lambda a: a[0], measurements(0))
     after = jax.eval_shape(lambda s: filter.step(s, y, p)[0], before)
     assert jax.tree.structure(before) == jax.tree.structure(after)
@@ -78,7 +139,7 @@ def test_step_keeps_the_structure_and_types_of_the_state(case):
 
 
 def test_one_trace_serves_every_parameter_value(case):
-    filter, params = case
+    filter, params, belief = case
 
     @jax.jit
     @chex.assert_max_traces(n=1)
@@ -86,7 +147,7 @@ def test_one_trace_serves_every_parameter_value(case):
         return filter.step(state, y, p)
 
     chex.clear_trace_counter()
-    state = filter.init(prior(), params(jnp.asarray(1.0)))
+    state = filter.init(belief(), params(jnp.asarray(1.0)))
     for scale in (0.5, 1.0, 2.0):
         y = jax.tree.map(lambda a: a[0], measurements(0))
         state, _ = step(state, y, params(jnp.asarray(scale)))
@@ -101,11 +162,11 @@ def test_vmap_over_runs_equals_each_run(case):
 
 
 def test_runs_in_lanes_equal_each_run(case):
-    filter, params = case
+    filter, params, belief = case
     p = params(1.0)
     batch = [measurements(seed) for seed in range(3)]
     stacked = jax.tree.map(lambda *a: jnp.stack(a), *batch)
-    together = run_batch(filter, filter.init(prior(), p), stacked, p)
+    together = run_batch(filter, filter.init(belief(), p), stacked, p)
     for k, ys in enumerate(batch):
         alone = run(case, ys)
         for a, b in zip(jax.tree.leaves(together), jax.tree.leaves(alone), strict=True):

@@ -84,3 +84,8 @@ def test_batching_is_elementwise():
     text = jax.jit(jax.vmap(factor)).lower(batch).as_text()
     assert "custom_call" not in text
     assert "dot_general" not in text
+
+
+def test_a_nan_is_never_taken_for_a_known_zero():
+    factor, _ = smallmat.cholesky(smallmat.from_dense(jnp.array([[jnp.nan, 0.0], [0.0, 1.0]])))
+    assert np.isnan(factor[0][0])

@@ -64,7 +64,7 @@ def interacting(member: Filter) -> Filter:
         lies below the number of entries even where a member's model is exact.
     """
 
-    def init(prior: Gaussian, params: InteractingParams) -> InteractingState:
+    def init(prior: Any, params: InteractingParams) -> InteractingState:
         states = jax.vmap(member.init, in_axes=(None, 0))(prior, params.members)
         return InteractingState(
             states, _safe_log(params.initial), member.mix(params.initial, states)

@@ -6,7 +6,7 @@ States and measurements are NamedTuples of named scalars, parameters are any pyt
 Lanes: a step is also elementwise over trailing axes. Where the scalars of a state, of a
 measurement and (if they differ) of the parameters are arrays [runs], the step filters all runs
 at once with the same arithmetic; structure (sigma points, modes, matrix rows) always leads.
-That layout is what `drive.run_batch` uses, because it is the fast one.
+That layout is what `run_batch` uses, because it is the fast one.
 """
 
 from __future__ import annotations
@@ -107,8 +107,14 @@ class Filter(NamedTuple):
 
 
 def all_finite(tree: Any) -> Any:
-    """Elementwise: whether every leaf of a pytree (leaves of one shape) is finite."""
-    first, *rest = [jnp.isfinite(leaf) for leaf in jax.tree.leaves(tree)]
+    """Whether every leaf of a pytree is finite, per lane.
+
+    Leaves may have leading axes of structure before the lanes; a leaf without any has the lanes
+    alone.
+    """
+    leaves = [jnp.isfinite(leaf) for leaf in jax.tree.leaves(tree)]
+    lanes = min(leaf.ndim for leaf in leaves)
+    first, *rest = [jnp.all(leaf, tuple(range(leaf.ndim - lanes))) for leaf in leaves]
     for leaf in rest:
         first = first & leaf
     return first

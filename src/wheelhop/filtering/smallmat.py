@@ -81,7 +81,7 @@ def cholesky(a: Lower, guard: float | None = None) -> tuple[Lower, Any]:
         floor = guard * a[j][j]
         guarded = guarded | (pivot < floor)
         pivot = jnp.maximum(pivot, floor)
-        positive = pivot > 0
+        positive = ~(pivot <= 0)  # a NaN stays a NaN
         root = jnp.sqrt(jnp.where(positive, pivot, 1.0))
         inverse = jnp.where(positive, 1.0 / root, 0.0)
         factor[j][j] = jnp.where(positive, root, 0.0)
