@@ -21,8 +21,8 @@ from wheelhop.filtering import (
     smallmat,
     unscented,
 )
+from wheelhop.filtering.evidence import positive_part
 from wheelhop.filtering.interacting_smoothing import (
-    _positive_part,
     interacting_extended_smoother,
     interacting_unscented_smoother,
 )
@@ -405,7 +405,7 @@ def test_evidence_that_is_no_covariance_is_cut_to_one(seed):
     for values in ([0.9, 0.5, 0.1], [0.9, 0.3, -0.4], [0.5, -0.1, -2.0], [1e-3, -1e-3, 0.5]):
         matrix = axes @ np.diag(values) @ axes.T
         lower = smallmat.from_dense(jnp.asarray(matrix))
-        factor = np.tril(smallmat.to_dense(_positive_part(lower)))
+        factor = np.tril(smallmat.to_dense(positive_part(lower)))
         product = factor @ factor.T
         assert np.all(np.diag(product) <= np.maximum(np.diag(matrix), 0.0) + 1e-12)
         if min(values) > 0:

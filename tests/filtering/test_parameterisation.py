@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -146,6 +147,17 @@ def test_free_numbers_have_no_unit():
 def test_values_outside_the_domain_are_named(act, text):
     with pytest.raises(ValueError, match=text):
         act()
+
+
+def test_free_numbers_of_python_numbers_do_not_compile_anew():
+    how = (positive(), positive_definite(), bounded(0.0, 1.0))
+    free = unconstrain((2, ((1.0,), (0.2, 3)), 0.3), how)
+    assert not any(leaf.weak_type for leaf in jax.tree.leaves(free))
+    again = jax.tree.map(lambda leaf: leaf - 0.1, free)
+    step = jax.jit(chex.assert_max_traces(n=1)(lambda f: constrain(f, (2.0, ((1.0,),), 0.3), how)))
+    chex.clear_trace_counter()
+    step(free)
+    step(again)
 
 
 class Pair(NamedTuple):

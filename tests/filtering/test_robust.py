@@ -29,7 +29,7 @@ RUNS, STEPS = 200, 60
 
 
 def prior():
-    return gaussian(Track(*MEAN), jnp.asarray(COV))
+    return gaussian(Track(*MEAN.tolist()), jnp.asarray(COV))
 
 
 def measurements(ys):

@@ -67,7 +67,7 @@ def interacting(member: Filter) -> Filter:
     def init(prior: Any, params: InteractingParams) -> InteractingState:
         states = jax.vmap(member.init, in_axes=(None, 0))(prior, params.members)
         return InteractingState(
-            states, _safe_log(params.initial), member.mix(params.initial, states)
+            states, safe_log(params.initial), member.mix(params.initial, states)
         )
 
     def step(
@@ -88,7 +88,7 @@ def interacting(member: Filter) -> Filter:
         outer = trailing(weights, lanes + 1)[:, None]
         probabilities = jnp.sum(outer * jnp.exp(trailing(stacked.log_probabilities, lanes + 2)), 0)
         combined = member.mix(weights, stacked.combined)
-        return InteractingState(members, _safe_log(probabilities), combined)
+        return InteractingState(members, safe_log(probabilities), combined)
 
     return Filter(init, step, mix)
 
@@ -102,8 +102,8 @@ def mixing(log_probabilities: Any, transition: Any) -> tuple[Any, Any]:
     """
     lanes = log_probabilities.ndim - 1
     modes = log_probabilities.shape[0]
-    joint = trailing(_safe_log(transition), lanes + 2) + log_probabilities[:, None]
-    predicted = _log_sum_exp(joint)
+    joint = trailing(safe_log(transition), lanes + 2) + log_probabilities[:, None]
+    predicted = log_sum_exp(joint)
     reachable = jnp.isfinite(predicted)
     weights = jnp.where(
         reachable[None],
@@ -122,7 +122,7 @@ def correct(predicted: Any, log_likelihoods: Any) -> tuple[Any, Any]:
     """
     usable = jnp.isfinite(log_likelihoods)
     joint = jnp.where(usable, predicted + jnp.where(usable, log_likelihoods, 0.0), -jnp.inf)
-    total = _log_sum_exp(joint)
+    total = log_sum_exp(joint)
     explained = jnp.isfinite(total)
     posterior = jnp.where(
         explained[None], joint - jnp.where(explained, total, 0.0)[None], predicted
@@ -146,13 +146,13 @@ def _mixture_info(probabilities: Any, infos: Info, log_likelihood: Any, finite: 
     return Info(matched.mean, matched.cov, log_likelihood, nis, flags)
 
 
-def _safe_log(p: Any) -> Any:
+def safe_log(p: Any) -> Any:
     """log p with -inf, and gradient 0, at p = 0."""
     positive = p > 0
     return jnp.where(positive, jnp.log(jnp.where(positive, p, 1.0)), -jnp.inf)
 
 
-def _log_sum_exp(a: Any) -> Any:
+def log_sum_exp(a: Any) -> Any:
     """log sum exp over the leading axis, with finite gradients where all terms are -inf."""
     top = jax.lax.stop_gradient(jnp.max(a, axis=0))
     finite = jnp.isfinite(top)

@@ -56,7 +56,7 @@ def _smoother(model: StateSpaceModel, moments_of: TransitionMoments) -> Smoother
 
         def back(later: Gaussian, slices: Any) -> tuple[Gaussian, Gaussian]:
             belief, u = slices
-            smoothed = _step(model, moments_of, belief, later, bind(params, u))
+            smoothed = step_back(model, moments_of, belief, later, bind(params, u))
             return smoothed, smoothed
 
         last = jax.tree.map(lambda a: a[-1], beliefs)
@@ -68,7 +68,7 @@ def _smoother(model: StateSpaceModel, moments_of: TransitionMoments) -> Smoother
     return smooth
 
 
-def _step(
+def step_back(
     model: StateSpaceModel,
     moments_of: TransitionMoments,
     belief: Gaussian,
