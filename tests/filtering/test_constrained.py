@@ -13,15 +13,15 @@ from wheelhop.filtering import (
     Gaussian,
     InteractingParams,
     drive,
+    extended,
     gaussian,
     interacting,
     smallmat,
-    unscented,
 )
 from wheelhop.filtering.constrained import ConstrainedParams, constrained, project
 
 FREE = Track(-jnp.inf, -jnp.inf, -jnp.inf)
-PLAIN = unscented(linear_model())
+PLAIN = extended(linear_model())
 
 
 class Four(NamedTuple):

@@ -1,5 +1,7 @@
 """Robust updates: their Gaussian limits, their optima, their densities, and what they save."""
 
+from functools import lru_cache
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -36,9 +38,14 @@ def measurements(ys):
     return Sensors(jnp.asarray(ys[..., 0]), jnp.asarray(ys[..., 1]))
 
 
+@lru_cache
+def compiled(update):
+    filter = extended(linear_model(), measurement_update=update)
+    return jax.jit(lambda belief, ys, params: drive.run(filter, belief, measurements(ys), params))
+
+
 def run(update, ys, params=1.0):
-    filter = unscented(linear_model(), measurement_update=update)
-    return drive.run(filter, prior(), measurements(ys), params)
+    return compiled(update)(prior(), ys, params)
 
 
 def one_update(update, y, noise=R):
@@ -227,17 +234,16 @@ def test_outliers_cost_little_and_their_absence_less():
     known = np.where(bad[..., None], np.nan, ys)
     found = {k: rms(v, xs) for k, v in _means(jnp.asarray(ys)).items()}
     best = rms(_plain_means(jnp.asarray(known)), xs)
-    print({k: v / best for k, v in found.items()})
-    assert found["plain"] > 3.0 * best
-    assert found["gated"] < 1.1 * best
-    assert found["student"] < 1.1 * best
-    assert found["huber"] < 1.5 * best
+    assert found["plain"] > 5.0 * best
+    assert found["gated"] < 1.05 * best
+    assert found["student"] < 1.05 * best
+    assert found["gated entrywise"] < 1.2 * best
+    assert found["huber"] < 1.2 * best
 
     xs, ys, _ = contaminated(0.0)
     found = {k: rms(v, xs) for k, v in _means(jnp.asarray(ys)).items()}
-    print({k: v / found["plain"] for k, v in found.items()})
     for name in UPDATES:
-        assert found[name] < 1.05 * found["plain"]
+        assert found[name] < 1.03 * found["plain"]
 
 
 @pytest.mark.parametrize("name", UPDATES)
@@ -248,25 +254,25 @@ def test_gradient_equals_finite_differences(name):
     ys[9] += 25.0
 
     @jax.jit
+    @jax.value_and_grad
     def total(knobs):
         scaled = jnp.where(np.isfinite(ys), np.nan_to_num(ys) * knobs[1], jnp.nan)
         trajectory = run(UPDATES[name], scaled, knobs[0])
         return trajectory.info.log_likelihood.sum() + jnp.sum(trajectory.state.mean.bias)
 
     at = jnp.array([1.1, 1.0])
-    slope = jax.jit(jax.grad(total))(at)
+    slope = total(at)[1]
     for k, step in enumerate(1e-5 * np.eye(2)):
-        difference = (total(at + step) - total(at - step)) / 2e-5
+        difference = (total(at + step)[0] - total(at - step)[0]) / 2e-5
         assert float(slope[k]) == pytest.approx(float(difference), rel=1e-6)
 
 
 @pytest.mark.parametrize("name", UPDATES)
 def test_lanes_equal_single_runs_and_covariances_stay_positive(name):
     _, ys, _ = contaminated(0.1, runs=3)
-    filter = unscented(linear_model(), measurement_update=UPDATES[name])
     alone = [run(UPDATES[name], y) for y in ys]
     belief = jax.tree.map(lambda a: jnp.full(3, a), prior())
-    lanes = drive.run(filter, belief, measurements(np.swapaxes(ys, 0, 1)), 1.0)
+    lanes = compiled(UPDATES[name])(belief, np.swapaxes(ys, 0, 1), 1.0)
     for k in range(3):
         one = jax.tree.map(lambda a, k=k: a[:, k], lanes)
         for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(alone[k]), strict=True):
@@ -286,15 +292,19 @@ def test_absurd_readings_in_float32(name, float32):
     assert np.max(np.abs(trajectory.state.mean.position)) < 10.0
 
 
-def test_iterated_extended_filter_takes_a_robust_update():
+def test_unscented_and_iterated_filters_take_a_robust_update():
     _, ys = sample(7, 10)
     ys[5] += 40.0
-    filter = extended(linear_model(), iterations=3, measurement_update=gated())
-    trajectory = drive.run(filter, prior(), measurements(ys), 1.0)
-    assert trajectory.info.flags.rejected.tolist() == [0] * 5 + [2] + [0] * 4
-    ys[5] = np.nan
-    plain = drive.run(extended(linear_model()), prior(), measurements(ys), 1.0)
-    np.testing.assert_allclose(trajectory.state.mean.bias, plain.state.mean.bias, atol=1e-12)
+    without = ys.copy()
+    without[5] = np.nan
+    plain = run(condition, without).state.mean.bias
+    for filter in (
+        unscented(linear_model(), measurement_update=gated()),
+        extended(linear_model(), iterations=3, measurement_update=gated()),
+    ):
+        trajectory = drive.run(filter, prior(), measurements(ys), 1.0)
+        assert trajectory.info.flags.rejected.tolist() == [0] * 5 + [2] + [0] * 4
+        np.testing.assert_allclose(trajectory.state.mean.bias, plain, atol=1e-12)
 
 
 @pytest.mark.parametrize(
