@@ -6,7 +6,8 @@ from matplotlib.figure import Figure
 
 from wheelhop.estimators.estimate import PressureEstimate
 from wheelhop.evaluation.errors import error_statistics
-from wheelhop.plots import plot_campaign, plot_estimate, plot_log, plot_road
+from wheelhop.evaluation.innovations import InnovationReport
+from wheelhop.plots import plot_campaign, plot_estimate, plot_innovations, plot_log, plot_road
 from wheelhop.plots.estimate import moving_average
 from wheelhop.vehicle.record import CornerRecord
 from wheelhop.vehicle.road import Profile, fit_iso8608, profile_psd
@@ -51,7 +52,25 @@ def campaign():
     return plot_campaign(T, error, statistics, np.full(400, 5.0), np.full(400, 1.0))
 
 
+def innovations():
+    rng = np.random.default_rng(4)
+    report = InnovationReport(
+        names=("a_s", "a_u"),
+        normalised=rng.normal(size=(400, 2)),
+        autocorrelation=np.vstack([np.ones((1, 2)), 0.05 * rng.normal(size=(20, 2))]),
+        whiteness_bound=np.full(2, 0.1),
+        nis=rng.chisquare(2, 400),
+        dof=np.where(np.arange(400) < 30, 0, 2),
+        mean_nis=1.01,
+        mean_nis_band=(0.9, 1.1),
+        outside=np.zeros(2),
+        probability=0.95,
+    )
+    return plot_innovations(report, 0.002)
+
+
 FIGURES = {
+    "innovations": innovations,
     "estimate": lambda: plot_estimate(estimate(), record()),
     "log": lambda: plot_log(record()),
     "road": road,
