@@ -71,7 +71,7 @@ def test_float32_keeps_definite_and_near_float64(steps):
     error = np.abs(single[0].astype(float) - double[0]) / sigma
     probability = np.abs(np.exp(single[1].astype(float)) - np.exp(double[1]))
     print(
-        f"{steps} steps: error rms {np.sqrt(np.mean(error**2)):.2e}, worst {error.max():.2e} sigma; "
+        f"{steps} steps: rms {np.sqrt(np.mean(error**2)):.2e}, worst {error.max():.2e} sigma; "
         f"mode probability worst {probability.max():.2e}; smallest eigenvalue of the correlation "
         f"{smallest:.2e} (float64 {smallest_of(double):.2e}); guard acted {single[3].mean():.1e}"
     )
