@@ -22,7 +22,7 @@ from wheelhop.estimators.immuf import CornerState, Tuning, immuf, immuf_params
 from wheelhop.filtering import drive, gaussian
 from wheelhop.filtering.batch import log_likelihood_batch, run_batch
 from wheelhop.filtering.stream import packed
-from wheelhop.staging import staged_jit
+from wheelhop.staging import stage, staged_jit
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.quarter_car import Accelerations
 from wheelhop.vehicle.suspension import Suspension
@@ -82,8 +82,8 @@ def build(runs: int, samples: int, dtype: str, devices: Any = None) -> Peer:
 
         def batch(ys: Any) -> Any:
             if runs == 1:
-                one = measurements(ys[0])
-                return drive.run(filter, start, one, params, keep=keep)
+                one = measurements(ys[0])  # what `drive.run_compiled` compiles
+                return stage(drive.run)(filter, start, one, params, keep=keep)
             return run_batch(filter, start, measurements(ys), params, keep=keep, devices=devices)
 
         return timed(batch, (ys,), double)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wheelhop import staging
-from wheelhop.staging import stage, staged_jit
+from wheelhop.staging import native_jit, stage, staged_jit
 
 
 def pendulum(x):
@@ -45,3 +45,15 @@ def test_constants_and_keywords_pass_through():
     double = stage(lambda x, factor, *, offset: factor * x + offset)
     assert float(staged_jit(lambda x: double(x, 2, offset=0.5))(jnp.ones(()))) == 2.5
     assert float(double(jnp.ones(()), 2, offset=0.5)) == 2.5
+
+
+def test_one_native_function_or_as_many_as_the_compiler_allows():
+    x = jnp.linspace(0.1, 1.0, 32)
+    np.testing.assert_allclose(native_jit(pendulum)(x)[1], jax.jit(pendulum)(x)[1], rtol=1e-13)
+
+    def with_library_call(x):
+        return jnp.sort(pendulum(x)[0][0])
+
+    fast = native_jit(with_library_call)
+    for _ in range(2):
+        np.testing.assert_allclose(fast(x), jax.jit(with_library_call)(x), rtol=1e-13)

@@ -80,6 +80,32 @@ def staged_jit(function: Callable[..., Any]) -> Callable[..., Any]:
     return jax.jit(traced, compiler_options=_OPTIONS)
 
 
+def native_jit(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`staged_jit` with the whole function as one native function around its stages.
+
+    Faster where arrays are small, as for one record, and slower to compile where they are large.
+    A function with library calls (linear algebra, sort) cannot be one native function; then, and
+    where there are no stages, this is `staged_jit`. Call it at top level only.
+    """
+    parts = staged_jit(function)
+    if not available():
+        return parts
+    whole = staged_jit(stage(function))
+    refused = False
+
+    @wraps(function)
+    def call(*args: Any) -> Any:
+        nonlocal refused
+        if not refused:
+            try:
+                return whole(*args)
+            except jax.errors.JaxRuntimeError:
+                refused = True
+        return parts(*args)
+
+    return call
+
+
 @contextmanager
 def staging(active: bool = True) -> Any:
     """Whether stages act in what is traced inside."""

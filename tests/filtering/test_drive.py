@@ -51,6 +51,15 @@ def test_chunks_of_any_length_equal_one_run(chunk):
         np.testing.assert_allclose(found, expected, atol=1e-13)
 
 
+def test_the_compiled_run_equals_the_plain_one():
+    _, ys = sample(3, 15)
+    options = {"inputs": jnp.linspace(0.5, 2.0, 15), "bind": scaled_by}
+    found = drive.run_compiled(FILTER, prior(), measurements(ys), jnp.asarray(1.0), **options)
+    expected = drive.run(FILTER, prior(), measurements(ys), 1.0, **options)
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-13)
+
+
 def test_an_empty_chunk_is_refused():
     _, ys = sample(1, 4)
     with pytest.raises(ValueError, match="chunk=0"):

@@ -23,18 +23,22 @@ from models import (
 )
 
 from wheelhop.filtering import (
+    ConstrainedParams,
     InteractingParams,
     LinearGaussian,
     SensitivityParams,
     SensitivityPrior,
     UnknownInputModel,
     augmented,
+    constrained,
     cubature,
     decoupled,
     drive,
     extended,
+    gated,
     gauss_hermite,
     gaussian,
+    huber,
     independent,
     interacting,
     kalman,
@@ -87,7 +91,15 @@ def search(inner):
     return sensitivity(inner, lambda p, theta: p * jnp.exp(theta.log_scale))
 
 
+def boxed(scale):
+    wide = Track(jnp.inf, 0.4, 10.0)
+    return ConstrainedParams(scale, Track(*(-b for b in wide)), wide)
+
+
 FILTERS = {
+    "gated": (unscented(linear_model(), measurement_update=gated(0.99)), lambda s: s),
+    "huber": (unscented(linear_model(), measurement_update=huber()), lambda s: s),
+    "constrained": (constrained(unscented(linear_model())), boxed),
     "Gauss-Hermite": (unscented(linear_model(), gauss_hermite(3)), lambda s: s),
     "augmented": (augmented(augmented_linear_model()), lambda s: s),
     "square root": (square_root_unscented(linear_model()), lambda s: s),
