@@ -66,8 +66,8 @@ def stage(function: Callable[..., Any]) -> Callable[..., Any]:
 def staged_jit(function: Callable[..., Any]) -> Callable[..., Any]:
     """`jax.jit` with stages, where this platform has them; call it at top level only.
 
-    The result cannot be called inside another `jax.jit`, `vmap` or `grad`: transform first,
-    as in `staged_jit(jax.grad(f))`.
+    JAX refuses the result inside another `jax.jit` or `grad`: transform first, as in
+    `staged_jit(jax.grad(f))`.
     """
     if not available():
         return jax.jit(function)

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -14,7 +15,18 @@ from wheelhop.estimators.immuf import (
     immuf_params,
     member_params,
 )
-from wheelhop.filtering import cubature, drive, gaussian, interacting, scaled, unscented
+from wheelhop.filtering import (
+    SquareRootGaussian,
+    cubature,
+    drive,
+    gaussian,
+    interacting,
+    scaled,
+    square_root_unscented,
+    square_root_unscented_smoother,
+    unscented,
+    unscented_smoother,
+)
 from wheelhop.filtering.interacting import InteractingParams
 from wheelhop.vehicle.parameters import PHYSICAL_SUSPENSION, QuarterCar
 from wheelhop.vehicle.quarter_car import Accelerations
@@ -55,28 +67,44 @@ def assert_same_belief(belief, expected, rtol=1e-10):
     )
 
 
+MAKERS = {"covariance": unscented, "square root": square_root_unscented}
+
+
+def written_out(belief):
+    return belief.gaussian if isinstance(belief, SquareRootGaussian) else belief
+
+
+@pytest.mark.parametrize("make", MAKERS)
 @pytest.mark.parametrize("rule", ORACLE["rules"])
-def test_unscented_filter_equals_filterpy_to_1e_10(rule):
-    filter = unscented(corner_model(), rule_named(rule))
+def test_unscented_filter_and_smoother_equal_filterpy_to_1e_10(rule, make):
+    filter = MAKERS[make](corner_model(), rule_named(rule))
     params = member_params(CAR, ORACLE["levels"][1], SPEED, DT, TUNING)
-    trajectory = drive.run(filter, prior(), measurements(ORACLE["missing"]), params)
+    start = filter.init(prior(), params)
+    trajectory = drive.run(filter, start, measurements(ORACLE["missing"]), params)
     expected = ORACLE["ukf"][rule]
-    assert_same_belief(trajectory.state, expected)
+    assert_same_belief(jax.vmap(written_out)(trajectory.state), expected)
     np.testing.assert_allclose(
         trajectory.info.log_likelihood, expected["log_likelihood"], rtol=1e-10, atol=1e-10
     )
+    smoother = unscented_smoother if make == "covariance" else square_root_unscented_smoother
+    smoothed = smoother(corner_model(), rule_named(rule))(trajectory.state, params)
+    assert_same_belief(
+        jax.vmap(written_out)(smoothed),
+        {"mean": expected["smoothed_mean"], "cov": expected["smoothed_cov"]},
+    )
 
 
+@pytest.mark.parametrize("make", MAKERS)
 @pytest.mark.parametrize("rule", ORACLE["rules"])
-def test_imm_equals_filterpy_to_1e_10(rule):
-    filter = interacting(unscented(corner_model(), rule_named(rule)))
+def test_imm_equals_filterpy_to_1e_10(rule, make):
+    filter = interacting(MAKERS[make](corner_model(), rule_named(rule)))
     built = immuf_params(CAR, SPEED, DT, TUNING)
     params = InteractingParams(
         built.members, jnp.array(ORACLE["transition_matrix"]), jnp.array(ORACLE["initial"])
     )
     trajectory = drive.run(filter, filter.init(prior(), params), measurements(), params)
     expected = ORACLE["imm"][rule]
-    assert_same_belief(trajectory.state.combined, expected)
+    assert_same_belief(jax.vmap(written_out)(trajectory.state.combined), expected)
     np.testing.assert_allclose(
         np.exp(trajectory.state.log_probabilities), expected["probabilities"], atol=1e-10
     )

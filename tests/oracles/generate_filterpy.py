@@ -11,7 +11,12 @@ import pathlib
 import filterpy
 import numpy as np
 import scipy
-from filterpy.kalman import IMMEstimator, MerweScaledSigmaPoints, UnscentedKalmanFilter
+from filterpy.kalman import (
+    IMMEstimator,
+    MerweScaledSigmaPoints,
+    UnscentedKalmanFilter,
+    unscented_transform,
+)
 
 from tests.oracles import quarter_car_numpy as car
 
@@ -56,13 +61,29 @@ def make(level, rule):
 def run_ukf(ys, rule):
     kf = make(LEVELS[1], rule)
     out = {"mean": [], "cov": [], "log_likelihood": []}
+    means, covs = [], []
     for k, y in enumerate(ys):
         kf.predict()
         kf.update(None if k in MISSING else y)
         out["mean"].append(kf.x.tolist())
         out["cov"].append(kf.P[np.tril_indices(5)].tolist())
         out["log_likelihood"].append(0.0 if k in MISSING else float(kf.log_likelihood))
+        means.append(kf.x.copy())
+        covs.append(kf.P.copy())
+    out["smoothed_mean"], out["smoothed_cov"] = smooth(kf, np.array(means), np.array(covs))
     return out
+
+
+def smooth(kf, means, covs):
+    """filterpy's RTS smoother. It knows one Q, so its transform is handed that of each step."""
+    noises = iter([car.process_cov(m, kf.level) for m in means[-2::-1]])
+
+    def transform(points, mean_weights, cov_weights, _, *rest):
+        return unscented_transform(points, mean_weights, cov_weights, next(noises), *rest)
+
+    mean, cov, _ = kf.rts_smoother(means, covs, UT=transform)
+    rows, columns = np.tril_indices(5)
+    return mean.tolist(), cov[:, rows, columns].tolist()
 
 
 def make_imm(rule):

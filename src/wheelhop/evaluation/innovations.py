@@ -49,7 +49,9 @@ class InnovationReport(NamedTuple):
         return low <= self.mean_nis <= high and white
 
 
-def innovation_report(info: Info, lags: int = 40, probability: float = 0.95) -> InnovationReport:
+def innovation_report(
+    info: Info, lags: int = 40, probability: float = 0.95, estimated_inputs: int = 0
+) -> InnovationReport:
     """Judge the innovations of one record.
 
     White innovations with the stated covariance are what a filter has whose model is right
@@ -60,6 +62,11 @@ def innovation_report(info: Info, lags: int = 40, probability: float = 0.95) -> 
         info: the steps' reports of one record, entries [time], as `drive.run` gives them.
         lags: largest lag of the autocorrelation, in samples.
         probability: of the bounds.
+        estimated_inputs: degrees of freedom that each sample spends on unknown inputs; their
+            number for `unknown_input`, whose projected innovations are not white entry by entry.
+
+    An IMM's NIS is not chi-square (improbable modes widen its covariance): judge its members, or
+    read the report as a comparison.
 
     Raises:
         ValueError: for a record not longer than `lags`, several records at once, or a
@@ -76,9 +83,10 @@ def innovation_report(info: Info, lags: int = 40, probability: float = 0.95) -> 
     deviation = np.stack([np.asarray(v, float) for v in info.innovation], axis=1)
     variance = np.stack([np.asarray(row[-1], float) for row in info.innovation_cov], axis=1)
     m = deviation.shape[1]
-    dof = m - np.asarray(info.flags.missing, int)
+    entries = m - np.asarray(info.flags.missing, int)
+    dof = np.maximum(entries - estimated_inputs, 0)
     # a missing entry has innovation exactly 0
-    present = (deviation != 0.0) | (dof == m)[:, None]
+    present = (deviation != 0.0) | (entries == m)[:, None]
     normalised = np.where(present, deviation / np.sqrt(variance), np.nan)
     correlation = np.stack([_autocorrelation(column, lags) for column in normalised.T], axis=1)
     bound = norm.ppf(0.5 + 0.5 * probability) / np.sqrt(np.maximum(present.sum(axis=0), 1))

@@ -1,6 +1,6 @@
 """Differentiable filters for any state-space model; knows nothing of vehicles."""
 
-from wheelhop.filtering import drive
+from wheelhop.filtering import drive, parameterisation
 from wheelhop.filtering.augmented import AugmentedModel, augmented
 from wheelhop.filtering.batch import log_likelihood_batch, run_batch
 from wheelhop.filtering.constrained import ConstrainedParams, constrained
@@ -106,6 +106,7 @@ __all__ = [
     "parallel_filter",
     "parallel_log_likelihood",
     "parallel_smoother",
+    "parameterisation",
     "run_batch",
     "scaled",
     "sensitivity",

@@ -18,6 +18,7 @@ import numpy as np
 from wheelhop.filtering import drive
 from wheelhop.filtering.drive import Bind, Keep, constant_params
 from wheelhop.filtering.interface import Filter, Named, Params, State
+from wheelhop.filtering.lanes import keeps_lanes
 from wheelhop.staging import staged_jit
 
 LANES = 128
@@ -101,7 +102,9 @@ class _Run(tuple):
 
     def __call__(self, state: Any, ys: Any, params: Any, inputs: Any) -> Any:
         filter, bind, keep = self
-        return drive.run(filter, state, ys, params, inputs=inputs, bind=bind, keep=keep)
+        return drive.run(
+            filter, state, ys, params, inputs=inputs, bind=bind, keep=partial(keeps_lanes, keep)
+        )
 
 
 class _LogLikelihood(tuple):
@@ -129,6 +132,7 @@ def _batched(
             "leading run axis, all of one length"
         )
     (runs,) = lengths
+    _refuse_stray_axes(work, jax.tree.unflatten(structure, _one_run(leaves, mapped)), in_axes)
     description = (work, structure, mapped, runs, lanes, tuple(devices or jax.devices()))
     if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
         return _function(*description)(leaves)
@@ -173,7 +177,7 @@ def _function(
         state, ys, params, inputs = jax.tree.unflatten(structure, both)
         state = jax.tree.map(partial(_repeat, width), state, mapped_tree[0])
         ys = jax.tree.map(partial(_repeat, width), ys, mapped_tree[1])
-        return jax.tree.map(partial(_check_lanes, width), work(state, ys, params, inputs))
+        return work(state, ys, params, inputs)
 
     def share_of_device(shared: list[Any], own: list[Any]) -> Any:
         if chunks == len(devices):
@@ -205,13 +209,35 @@ def _repeat(width: int, leaf: Any, mapped: bool) -> Any:
     return leaf if mapped else jnp.broadcast_to(leaf[..., None], (*leaf.shape, width))
 
 
-def _check_lanes(width: int, leaf: Any) -> Any:
-    if leaf.ndim == 0 or leaf.shape[-1] != width:
+def _one_run(leaves: list[Any], mapped: Sequence[bool]) -> list[Any]:
+    """Shapes and types of the leaves of a single run."""
+    return [
+        jax.ShapeDtypeStruct(jnp.shape(leaf)[1 if m else 0 :], jnp.result_type(leaf))
+        for leaf, m in zip(leaves, mapped, strict=True)
+    ]
+
+
+def _refuse_stray_axes(work: Any, one_run: tuple, in_axes: Axes) -> None:
+    """Raise unless one run's first step is a step on scalars."""
+    state, ys, params, inputs = one_run
+    filter, bind = work[:2]
+    if not all(leaf.shape for leaf in jax.tree.leaves((ys, inputs))):
         raise ValueError(
-            f"a kept result of shape {leaf.shape} does not have {width} lanes last; keep what "
-            "follows from the state or the info by elementwise arithmetic"
+            f"in_axes={in_axes}: the measurements or inputs of one run have no time axis; give "
+            "[runs, time], or None for one record shared by all runs"
         )
-    return leaf
+    first = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), (ys, inputs))
+
+    def step(state: Any, first: Any, params: Any) -> Any:
+        return filter.step(state, first[0], bind(params, first[1]))
+
+    after, info = jax.eval_shape(step, state, first, params)
+    before = [leaf.shape for leaf in jax.tree.leaves(state)]
+    if info.log_likelihood.shape or before != [leaf.shape for leaf in jax.tree.leaves(after)]:
+        raise ValueError(
+            f"in_axes={in_axes}: a step of one run is not one of scalars (log-likelihood of shape "
+            f"{info.log_likelihood.shape}); mark with 0 every argument that has a run axis"
+        )
 
 
 def _flat_axes(in_axes: Axes, trees: tuple) -> list[bool]:

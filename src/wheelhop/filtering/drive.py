@@ -134,6 +134,8 @@ def log_likelihood(
     def add(carry: tuple[State, Any], slices: Any) -> tuple[tuple[State, Any], None]:
         y, u, real = slices
         new, info = filter.step(carry[0], y, bind(params, u))
+        if segments * segment > samples:  # padding must not run on: its gradient could overflow
+            new = jax.tree.map(lambda a, b: jnp.where(real, a, b), new, carry[0])
         return (new, carry[1] + jnp.where(real, info.log_likelihood, 0.0)), None
 
     def add_segment(carry: Any, slices: Any) -> tuple[Any, None]:

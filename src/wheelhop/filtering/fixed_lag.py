@@ -54,6 +54,8 @@ def fixed_lag(filter: Filter, smoother: Callable[..., State], lag: int) -> Filte
         parameters as a step will see them. In a long run keep `state.smoothed` alone: the
         whole state is a window per sample.
 
+    In `run_batch`, mark all parameters as mapped: the window stores them per run.
+
     Raises:
         ValueError: if `lag` is negative; at a step, if its parameters are not shaped as
             those given to `init`; always by `mix`.

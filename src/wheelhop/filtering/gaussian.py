@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from wheelhop.filtering import smallmat
@@ -25,22 +26,39 @@ class Gaussian(NamedTuple):
     cov: Lower
 
 
-def gaussian(mean: Named, cov: Float[Array, "n n"] | Lower) -> Gaussian:
+def gaussian(mean: Named, cov: Float[Array, "rows columns"] | Lower) -> Gaussian:
     """Gaussian from a NamedTuple of scalars and a dense covariance or its lower triangle.
 
     All entries become arrays of one floating type, so that a scan can carry the result.
 
     Raises:
-        ValueError: if the covariance does not have one row per component.
+        ValueError: if the covariance does not have one row per component, or if it is concrete
+            and not symmetric or has a variance that is negative or NaN.
     """
+    if not isinstance(cov, tuple):
+        shape = jnp.shape(cov)
+        if len(shape) != 2 or shape[0] != shape[1]:
+            raise ValueError(f"cov has shape {shape}; give a square matrix or its lower triangle")
     lower = cov if isinstance(cov, tuple) else smallmat.from_dense(jnp.asarray(cov))
     if len(lower) != len(mean):
         raise ValueError(
             f"cov has {len(lower)} rows for the {len(mean)} components {mean._fields}; "
             "give one row and column per component, in that order"
         )
+    _refuse_impossible(lower, cov)
     dtype = jnp.result_type(float, *jax.tree.leaves((mean, lower)))
     return jax.tree.map(lambda a: jnp.asarray(a, dtype), Gaussian(mean, lower))
+
+
+def _refuse_impossible(lower: Lower, cov: Any) -> None:
+    for i, row in enumerate(lower):
+        variance = row[-1]
+        if not isinstance(variance, jax.core.Tracer) and not (np.asarray(variance) >= 0).all():
+            raise ValueError(f"cov[{i}][{i}]={variance} is no variance; give numbers from 0 up")
+    if not isinstance(cov, tuple | jax.core.Tracer):
+        matrix = np.asarray(cov, float)
+        if not np.allclose(matrix, matrix.T, rtol=1e-5, atol=0):
+            raise ValueError(f"cov={matrix.tolist()} is not symmetric; give cov[i, j] = cov[j, i]")
 
 
 def independent(mean: Named, standard_deviation: Named) -> Gaussian:

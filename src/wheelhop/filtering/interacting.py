@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from wheelhop.filtering.gaussian import Gaussian, moment_match, normalised_square, trailing
 from wheelhop.filtering.interface import Filter, Info, Named, all_finite
@@ -62,9 +63,14 @@ def interacting(member: Filter) -> Filter:
         mixture: log p(y | past) of the mixture, innovation and covariance moment-matched.
         A mixture's NIS is not chi-square: improbable modes widen its covariance, so its mean
         lies below the number of entries even where a member's model is exact.
+
+    Raises:
+        ValueError: by `init`, if Pz or the initial probabilities are concrete and no
+            probabilities; a negative or NaN one met later makes the step nonfinite.
     """
 
     def init(prior: Any, params: InteractingParams) -> InteractingState:
+        _refuse_improbable(params)
         states = jax.vmap(member.init, in_axes=(None, 0))(prior, params.members)
         return InteractingState(
             states, safe_log(params.initial), member.mix(params.initial, states)
@@ -93,6 +99,19 @@ def interacting(member: Filter) -> Filter:
     return Filter(init, step, mix)
 
 
+def _refuse_improbable(params: InteractingParams) -> None:
+    for name, value, axis in (("transition", params.transition, 1), ("initial", params.initial, 0)):
+        if isinstance(value, jax.core.Tracer):
+            continue
+        p = np.asarray(value, float)
+        tolerance = 1e3 * float(jnp.finfo(jnp.result_type(float, value)).eps)
+        if not (p >= 0).all() or not np.allclose(p.sum(axis=axis), 1.0, rtol=0, atol=tolerance):
+            raise ValueError(
+                f"{name}={p.tolist()} does not hold probabilities; give numbers from 0 to 1, "
+                + ("every row Pz[i, :] summing to 1" if axis else "summing to 1")
+            )
+
+
 @stage
 def mixing(log_probabilities: Any, transition: Any) -> tuple[Any, Any]:
     """Predicted log mode probabilities [m] and mixing weights W[i, j] from i into j [m, m].
@@ -104,7 +123,7 @@ def mixing(log_probabilities: Any, transition: Any) -> tuple[Any, Any]:
     modes = log_probabilities.shape[0]
     joint = trailing(safe_log(transition), lanes + 2) + log_probabilities[:, None]
     predicted = log_sum_exp(joint)
-    reachable = jnp.isfinite(predicted)
+    reachable = ~jnp.isneginf(predicted)
     weights = jnp.where(
         reachable[None],
         jnp.exp(joint - jnp.where(reachable, predicted, 0.0)[None]),
@@ -122,6 +141,7 @@ def correct(predicted: Any, log_likelihoods: Any) -> tuple[Any, Any]:
     """
     usable = jnp.isfinite(log_likelihoods)
     joint = jnp.where(usable, predicted + jnp.where(usable, log_likelihoods, 0.0), -jnp.inf)
+    joint = jnp.where(jnp.isnan(predicted), jnp.nan, joint)
     total = log_sum_exp(joint)
     explained = jnp.isfinite(total)
     posterior = jnp.where(
@@ -147,9 +167,9 @@ def _mixture_info(probabilities: Any, infos: Info, log_likelihood: Any, finite: 
 
 
 def safe_log(p: Any) -> Any:
-    """log p with -inf, and gradient 0, at p = 0."""
-    positive = p > 0
-    return jnp.where(positive, jnp.log(jnp.where(positive, p, 1.0)), -jnp.inf)
+    """log p with -inf, and gradient 0, at p = 0; NaN where p is negative or NaN."""
+    zero = p == 0
+    return jnp.where(zero, -jnp.inf, jnp.log(jnp.where(zero, 1.0, p)))
 
 
 def log_sum_exp(a: Any) -> Any:
@@ -158,4 +178,5 @@ def log_sum_exp(a: Any) -> Any:
     finite = jnp.isfinite(top)
     shift = jnp.where(finite, top, 0.0)
     total = jnp.sum(jnp.exp(a - shift[None]), 0)
-    return jnp.where(finite, jnp.log(jnp.where(finite, total, 1.0)) + shift, -jnp.inf)
+    found = jnp.where(finite, jnp.log(jnp.where(finite, total, 1.0)) + shift, -jnp.inf)
+    return jnp.where(jnp.isnan(top), jnp.nan, found)

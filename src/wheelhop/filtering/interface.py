@@ -36,7 +36,8 @@ class StateSpaceModel(NamedTuple):
     Attributes:
         transition: (x, params) -> x, both the same NamedTuple. Written elementwise: its
             entries may be arrays of any one shape (the sigma points), not only scalars.
-        observation: (x, params) -> y, a NamedTuple of measured entries; elementwise too.
+        observation: (x, params) -> y, a NamedTuple of measured entries; elementwise too. An angle
+            that may wrap has no innovation in this sense: measure its cosine and its sine.
         process_cov: (x, params) -> lower triangle of cov(w), evaluated at the mean the
             step starts from, so that it may depend on the state.
         observation_cov: (params) -> lower triangle of cov(v).

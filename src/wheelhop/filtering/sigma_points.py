@@ -12,11 +12,13 @@ from functools import lru_cache
 from itertools import product
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from wheelhop.filtering import smallmat
 from wheelhop.filtering.interface import Lower, Named
+from wheelhop.filtering.lanes import elementwise
 from wheelhop.staging import stage
 
 
@@ -222,19 +224,26 @@ def _gauss_hermite(order: int) -> Rule:
 
 
 def transform(
-    function: Callable[[Named], Named], mean: Named, factor: Lower, rule: SigmaRule | PairRule
+    function: Callable[[Named], Named],
+    mean: Named,
+    factor: Lower,
+    rule: SigmaRule | PairRule,
+    what: str = "function",
 ) -> Moments:
     """Moments of `function(x)` for x ~ N(mean, L L^T), exact to the rule's degree.
 
     Args:
-        function: elementwise map of the named components; evaluated once, on entries [k, ...]
-            that hold all sigma points.
+        function: map of the named components, evaluated at every point; in lanes elementwise.
         mean: named components.
         factor: lower Cholesky factor L of the covariance.
         rule: the sigma-point rule for n = len(mean).
+        what: name of the function for an error.
+
+    Raises:
+        ValueError: if the function mixes runs.
     """
     points = stage(rule.points)(mean, factor)
-    values = function(points)
+    values = jax.vmap(lambda x: elementwise(function, x, what))(points)
     values = type(values)(*(jnp.broadcast_to(v, points[0].shape) for v in values))
     return stage(rule.weigh)(values)
 

@@ -30,6 +30,7 @@ from wheelhop.filtering.interface import (
     StateSpaceModel,
     Update,
 )
+from wheelhop.filtering.lanes import elementwise, same_names
 from wheelhop.filtering.sigma_points import Moments, Rule, cubature, transform
 from wheelhop.filtering.triangular import joint_root, semidefinite_root, triangularise, zeros
 from wheelhop.filtering.triangular import root as root_of
@@ -92,9 +93,16 @@ def square_root_unscented(
             predicted.mean,
             predicted.factor,
             rule(len(predicted.mean)),
+            "observation",
         )
         noise = model.observation_cov(params)
-        return take_in(predicted, predicted.factor, moments, noise, y, guarded)
+        updated, info = take_in(predicted, predicted.factor, moments, noise, y, guarded)
+        if not isinstance(updated, SquareRootGaussian):
+            raise ValueError(
+                f"measurement_update returns a {type(updated).__name__}, not a SquareRootGaussian; "
+                "the updates of `robust` belong to `unscented` and `extended`"
+            )
+        return updated, info
 
     return Filter(_init, step, moment_match)
 
@@ -254,8 +262,10 @@ def _transition(
     n = len(belief.mean)
     refuse_cancellation(sigma_rule.spread**2 / n, belief.factor[0][0].dtype)
     moments = transform(
-        lambda x: model.transition(x, params), belief.mean, belief.factor, sigma_rule
+        lambda x: model.transition(x, params), belief.mean, belief.factor, sigma_rule, "transition"
     )
-    cov = smallmat.add(moments.even, model.process_cov(belief.mean, params))
+    same_names(moments.mean, belief.mean, "the transition's result")
+    noise = elementwise(lambda x: model.process_cov(x, params), belief.mean, "process_cov")
+    cov = smallmat.add(moments.even, noise)
     noise_root, indefinite = semidefinite_root(cov)
     return moments, smallmat.rows_of(noise_root), indefinite

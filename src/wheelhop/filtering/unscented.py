@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from wheelhop.filtering import smallmat
 from wheelhop.filtering.gaussian import Gaussian, moment_match
 from wheelhop.filtering.interface import Filter, Info, Named, Params, StateSpaceModel, Update
+from wheelhop.filtering.lanes import elementwise, same_names
 from wheelhop.filtering.sigma_points import Rule, cubature, transform
 from wheelhop.filtering.update import condition
 
@@ -57,10 +58,13 @@ def predict(
     sigma_rule = rule(n)
     refuse_cancellation(sigma_rule.spread**2 / n, belief.cov[0][0].dtype)
     factor, guarded = smallmat.cholesky(belief.cov)
-    moments = transform(lambda x: model.transition(x, params), belief.mean, factor, sigma_rule)
+    moments = transform(
+        lambda x: model.transition(x, params), belief.mean, factor, sigma_rule, "transition"
+    )
+    same_names(moments.mean, belief.mean, "the transition's result")
     cov = smallmat.add(smallmat.gram(moments.odd), moments.even)
-    cov = smallmat.add(cov, model.process_cov(belief.mean, params))
-    return Gaussian(moments.mean, cov), guarded
+    noise = elementwise(lambda x: model.process_cov(x, params), belief.mean, "process_cov")
+    return Gaussian(moments.mean, smallmat.add(cov, noise)), guarded
 
 
 def update(
@@ -75,7 +79,11 @@ def update(
     """Belief conditioned on a measurement, with points redrawn from `predicted`."""
     factor, guard_acted = smallmat.cholesky(predicted.cov)
     moments = transform(
-        lambda x: model.observation(x, params), predicted.mean, factor, rule(len(predicted.mean))
+        lambda x: model.observation(x, params),
+        predicted.mean,
+        factor,
+        rule(len(predicted.mean)),
+        "observation",
     )
     noise = model.observation_cov(params)
     return measurement_update(predicted, factor, moments, noise, y, guard_acted | guarded)

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from wheelhop.filtering import smallmat
 from wheelhop.filtering.gaussian import Gaussian
 from wheelhop.filtering.interface import Flags, Info, Lower, Named, all_finite
+from wheelhop.filtering.lanes import same_names
 from wheelhop.filtering.sigma_points import Moments
 from wheelhop.staging import stage
 
@@ -25,6 +26,7 @@ def mask_missing(y: Named, moments: Moments, noise: Lower) -> tuple[tuple, tuple
     Returns:
         innovation, rows of G, lower triangle of even part + noise, presence of each entry.
     """
+    same_names(y, moments.mean, "the measurement")
     present = [jnp.isfinite(v) for v in y]
     innovation = tuple(
         jnp.where(p, jnp.where(p, v, 0.0) - m, 0.0)
@@ -111,6 +113,8 @@ def report(
     nis = sum((w * w for w in white[1:]), white[0] * white[0])
     count = sum(p.astype(nis.dtype) for p in present)
     log_likelihood = -0.5 * (nis + smallmat.log_det(root) + math.log(2 * math.pi) * count)
+    # no variance at all is no infinite likelihood: an optimiser would run for it
+    log_likelihood = jnp.where(log_likelihood == jnp.inf, jnp.nan, log_likelihood)
     flags = Flags(
         missing=len(present) - sum(p.astype(jnp.int32) for p in present),
         guarded=guarded,
