@@ -19,9 +19,11 @@ if _FLAG not in os.environ.get("XLA_FLAGS", ""):
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_FLAG}={CORES}".strip()
 
 import argparse  # noqa: E402
+import json  # noqa: E402
 import platform  # noqa: E402
-import resource  # noqa: E402
 import statistics  # noqa: E402
+import subprocess  # noqa: E402
+import sys  # noqa: E402
 import time  # noqa: E402
 from collections.abc import Callable  # noqa: E402
 from pathlib import Path  # noqa: E402
@@ -57,11 +59,12 @@ def filterpy_rate(steps: int) -> float:
 
 def contenders(
     runs: int, samples: int, dtype: str, quick: bool
-) -> tuple[dict[str, Callable[[], Any]], dict[str, float], dict[str, str]]:
-    """What to call, the seconds each took to compile, and why others are missing."""
+) -> tuple[dict[str, Callable[[], Any]], dict[str, float], dict[str, str], dict[str, float]]:
+    """What to call, its seconds to compile, why others are missing, and MiB of temporaries."""
     calls: dict[str, Callable[[], Any]] = {}
     compile_seconds: dict[str, float] = {}
     missing: dict[str, str] = {}
+    memory: dict[str, float] = {}
 
     def add(name: str, build: Callable[[], Any]) -> None:
         try:
@@ -71,6 +74,8 @@ def contenders(
             return
         calls[name] = lambda: peer.call(peer.ys)
         compile_seconds[name] = peer.compile_seconds
+        if hasattr(peer.call, "memory"):
+            memory[name] = peer.call.memory / 2**20
 
     first = jax.devices()[:1]
     add("wheelhop, a core", lambda: work.build(runs, samples, dtype, first))
@@ -91,13 +96,13 @@ def contenders(
             ys = problem.records(runs, samples, dtype)
             calls[name] = lambda kernel=kernel, ys=ys: kernel(ys)
             compile_seconds[name] = compiled.library()[1]
-    return calls, compile_seconds, missing
+    return calls, compile_seconds, missing, memory
 
 
 def measure(runs: int, dtype: str, rounds: int, quick: bool) -> dict[str, Any]:
     """Medians over interleaved rounds: steps per second of every contender."""
     samples = SAMPLES if runs <= 1000 else 100
-    calls, compile_seconds, missing = contenders(runs, samples, dtype, quick)
+    calls, compile_seconds, missing, memory = contenders(runs, samples, dtype, quick)
     for name, call in calls.items():
         result = call()
         if not all(np.isfinite(np.asarray(leaf)).all() for leaf in jax.tree.leaves(result)):
@@ -121,6 +126,7 @@ def measure(runs: int, dtype: str, rounds: int, quick: bool) -> dict[str, Any]:
         "steps_per_second": rates,
         "compile_seconds": compile_seconds,
         "missing": missing,
+        "temporary_MiB": memory,
     }
 
 
@@ -173,21 +179,10 @@ def measure_gradient(runs: int, rounds: int, dtype: str) -> dict[str, Any]:
 
 
 def measure_long(samples: int, runs: int) -> dict[str, Any]:
-    """Gradient through long records: seconds, and the compiler's and the process's memory."""
-    peer = work.build_likelihood(runs, samples, "float32", True)
-    values = work.knobs()
-    start = time.perf_counter()
-    result = peer.call(values)
-    seconds = time.perf_counter() - start
-    if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(result)):
-        raise RuntimeError("the gradient through the long record is not finite")
-    return {
-        "samples": samples,
-        "runs": runs,
-        "seconds": seconds,
-        "temporary_MiB": peer.call.memory / 2**20,
-        "peak_process_MiB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-    }
+    """Gradient through long records in a process of its own, so that its peak memory is its own."""
+    command = [sys.executable, "-m", "benchmarks.memory", str(samples), str(runs)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return json.loads(done.stdout.splitlines()[-1])
 
 
 def show(console: Console, row: dict[str, Any]) -> None:
@@ -212,6 +207,8 @@ def show(console: Console, row: dict[str, Any]) -> None:
             "" if seconds is None else f"{seconds:.1f}",
         )
     console.print(table)
+    used = ", ".join(f"{name} {mib:.0f}" for name, mib in row["temporary_MiB"].items())
+    console.print(f"temporary memory [MiB]: {used}", markup=False)
     for name, reason in row["missing"].items():
         console.print(f"{name}: {reason}", markup=False)
 
@@ -219,6 +216,9 @@ def show(console: Console, row: dict[str, Any]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="one batch size, few rounds")
+    parser.add_argument(
+        "--runs", type=int, nargs="+", default=RUNS, help="batch sizes (default: 1 to 10,000)"
+    )
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     options = parser.parse_args()
     console = Console()
@@ -233,7 +233,7 @@ def main() -> None:
     }
     console.print(f"native stages: {'in use' if content['stages'] else 'NOT available, plain JAX'}")
     for precision in ("float32",) if options.quick else ("float32", "float64"):
-        for runs in (100,) if options.quick else RUNS:
+        for runs in (100,) if options.quick else options.runs:
             row = measure(runs, precision, rounds, options.quick)
             content["rows"].append(row)
             show(console, row)
