@@ -99,7 +99,7 @@ def test_wrong_use_is_named():
         )
     with pytest.raises(ValueError, match="each entry is 0 or None"):
         run_batch(IMM, start(), records(2), params(), in_axes=(None, 1, None, 0))
-    with pytest.raises(ValueError, match="does not have 2 lanes last"):
+    with pytest.raises(ValueError, match="does not have the runs last"):
         run_batch(IMM, start(), records(2), params(), keep=lambda s, i: jnp.zeros(()))
 
 
