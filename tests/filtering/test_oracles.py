@@ -94,8 +94,10 @@ def test_unscented_filter_and_smoother_equal_filterpy_to_1e_10(rule, make):
     )
 
 
-@pytest.mark.parametrize("make", MAKERS)
-@pytest.mark.parametrize("rule", ORACLE["rules"])
+@pytest.mark.parametrize(
+    ("rule", "make"),
+    [*((rule, "covariance") for rule in ORACLE["rules"]), ("uneven", "square root")],
+)
 def test_imm_equals_filterpy_to_1e_10(rule, make):
     filter = interacting(MAKERS[make](corner_model(), rule_named(rule)))
     built = immuf_params(CAR, SPEED, DT, TUNING)

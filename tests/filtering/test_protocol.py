@@ -38,7 +38,6 @@ from wheelhop.filtering import (
     gated,
     gauss_hermite,
     gaussian,
-    huber,
     independent,
     interacting,
     kalman,
@@ -98,7 +97,6 @@ def boxed(scale):
 
 FILTERS = {
     "gated": (unscented(linear_model(), measurement_update=gated(0.99)), lambda s: s),
-    "huber": (unscented(linear_model(), measurement_update=huber()), lambda s: s),
     "constrained": (constrained(unscented(linear_model())), boxed),
     "Gauss-Hermite": (unscented(linear_model(), gauss_hermite(3)), lambda s: s),
     "augmented": (augmented(augmented_linear_model()), lambda s: s),
