@@ -1,5 +1,6 @@
 """Strict settings for every test: types and shapes checked, no promotion, float64."""
 
+import gc
 import os
 from pathlib import Path
 
@@ -12,7 +13,10 @@ install_import_hook("wheelhop", "beartype.beartype")
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
-jax.config.update("jax_compilation_cache_dir", os.environ.get("WHEELHOP_CACHE", "/tmp/wheelhop"))
+# one cache per worker: a file that another worker is still writing must not be read
+CACHE = Path(os.environ.get("WHEELHOP_CACHE", "/tmp/wheelhop"))
+WORKER = os.environ.get("PYTEST_XDIST_WORKER", "main")
+jax.config.update("jax_compilation_cache_dir", str(CACHE / WORKER))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -25,6 +29,14 @@ def data() -> Path:
     if not DATA.is_dir():
         pytest.skip(f"no measured data at {DATA}; set WHEELHOP_DATA")
     return DATA
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _release_compiled_code():
+    """Compiled functions stay mapped in memory; a whole suite of them exceeds what Linux maps."""
+    yield
+    jax.clear_caches()
+    gc.collect()
 
 
 @pytest.fixture
