@@ -61,34 +61,42 @@ def pivots(upper: Any) -> Any:
 
 
 def times(a: Any, b: Any) -> Any:
+    """Product A B."""
     return jnp.sum(a[:, :, None] * b[None], 1)
 
 
 def transposed(a: Any) -> Any:
+    """A^T."""
     return jnp.swapaxes(a, 0, 1)
 
 
 def gram(a: Any) -> Any:
+    """A A^T."""
     return times(a, transposed(a))
 
 
 def zeros(rows: int, columns: int, like: Any) -> Any:
+    """Zeros [rows, columns, ...] with the trailing axes and type of another."""
     return jnp.zeros((rows, columns, *like.shape[2:]), like.dtype)
 
 
 def identity(size: int, like: Any) -> Any:
+    """Identity [size, size, ...] with the trailing axes and type of another."""
     return broadcast(jnp.eye(size, dtype=like.dtype), 2, like.shape[2:])
 
 
 def blocks(rows: list[list[Any]]) -> Any:
+    """One matrix from rows of blocks."""
     return jnp.concatenate([jnp.concatenate(row, 1) for row in rows])
 
 
 def of_factor(factor: Lower) -> Any:
+    """A triangular factor as an array, zeros above."""
     return jnp.stack(smallmat.rows_of(factor))
 
 
 def lower_triangle(matrix: Any) -> Lower:
+    """Lower triangle of a matrix, entry by entry."""
     return tuple(tuple(row[: i + 1]) for i, row in enumerate(matrix))
 
 

@@ -126,12 +126,14 @@ def congruence(a: Any, c: Any) -> Any:
 
 
 def identity_like(a: Any) -> Any:
+    """Identity of the shape and type of a square matrix."""
     n = a.shape[0]
     eye = jnp.eye(n, dtype=a.dtype).reshape((n, n) + (1,) * (a.ndim - 2))
     return jnp.broadcast_to(eye, a.shape)
 
 
 def symmetric(lower: Lower) -> Any:
+    """Dense symmetric matrix of a lower triangle."""
     n = len(lower)
     return jnp.stack([jnp.stack([lower[max(i, j)][min(i, j)] for j in range(n)]) for i in range(n)])
 

@@ -91,4 +91,5 @@ def root(square: Any) -> Any:
 
 
 def zeros(count: int, like: Any) -> Any:
+    """Zeros [count, ...] of the trailing shape and type of a row."""
     return jnp.zeros((count, *like.shape[1:]), like.dtype)
