@@ -319,6 +319,7 @@ class Level(NamedTuple):
     level: Any
 
 
+@pytest.mark.slow  # compiling the reverse mode of filter and smoother
 def test_gradient_is_that_of_finite_differences_where_all_is_degenerate():
     """Singular prior and noise, a missing sample, impossible switches, a mode that cannot be."""
     model = linear_model(Level)

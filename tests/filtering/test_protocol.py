@@ -42,7 +42,6 @@ from wheelhop.filtering import (
     interacting,
     kalman,
     run_batch,
-    scaled,
     sensitivity,
     square_root_unscented,
     unknown_input,
@@ -106,10 +105,8 @@ FILTERS = {
     "recursive maximum likelihood": (search(unscented(linear_model())), searched, search_prior),
     "kalman": (kalman(Sensors), matrices),
     "cubature": (unscented(linear_model(), cubature), lambda s: s),
-    "scaled": (unscented(linear_model(), scaled(0.8, 2.0, 0.3)), lambda s: s),
     "extended": (extended(linear_model()), lambda s: s),
     "iterated": (extended(linear_model(), iterations=3), lambda s: s),
-    "interacting extended": (interacting(extended(linear_model())), imm_params),
     "interacting": (interacting(unscented(linear_model())), imm_params),
 }
 

@@ -546,7 +546,11 @@ def test_lanes_equal_vmap(case):
     chex.assert_trees_all_close((found.info, found.state), expected, atol=1e-10)
 
 
-@pytest.mark.parametrize("case", ["unscented", "of an IMM", "in an IMM"], indirect=True)
+@pytest.mark.parametrize(
+    "case",
+    ["unscented", *(pytest.param(c, marks=pytest.mark.slow) for c in ("of an IMM", "in an IMM"))],
+    indirect=True,
+)
 def test_gradient_is_finite_and_right(case):
     filter, params, prior, measure = case
     ys = measure(23)
