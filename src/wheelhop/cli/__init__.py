@@ -11,6 +11,7 @@ from wheelhop.cli.estimate import demo, estimate
 from wheelhop.cli.montecarlo import montecarlo
 from wheelhop.cli.road import road
 from wheelhop.cli.simulate import simulate
+from wheelhop.cli.tire import tire
 from wheelhop.cli.vehicle import vehicle
 
 app = typer.Typer(
@@ -20,7 +21,7 @@ app = typer.Typer(
     help="Tyre pressure from accelerometers: simulate, estimate, validate.",
 )
 
-for _command in (demo, estimate, simulate, road, montecarlo, vehicle):
+for _command in (demo, estimate, simulate, road, montecarlo, vehicle, tire):
     app.command()(_command)
 
 

@@ -4,5 +4,15 @@ from wheelhop.plots.estimate import plot_estimate, plot_log
 from wheelhop.plots.innovations import plot_innovations
 from wheelhop.plots.montecarlo import plot_campaign
 from wheelhop.plots.road import plot_road
+from wheelhop.plots.surface import plot_surface
+from wheelhop.plots.tire import plot_tire
 
-__all__ = ["plot_campaign", "plot_estimate", "plot_innovations", "plot_log", "plot_road"]
+__all__ = [
+    "plot_campaign",
+    "plot_estimate",
+    "plot_innovations",
+    "plot_log",
+    "plot_road",
+    "plot_surface",
+    "plot_tire",
+]

@@ -23,6 +23,9 @@ CLASS_COLOURS = {
     "H": "#212121",
 }
 
+CORNER_COLOURS = {"FL": "#1f5fa8", "FR": "#c0392b", "RL": "#74b3e0", "RR": "#eb9a7f"}
+"""Left is blue, right is red, rear is lighter."""
+
 
 def new_figure(rows: int, width: float = 8.0, height: float = 2.6, **options: Any) -> tuple:
     """A figure of stacked panels, without any global Matplotlib state.

@@ -19,9 +19,16 @@ def euler(derivative: Derivative, x: Any, dt: Any) -> Any:
     return _advance(x, derivative(x), dt)
 
 
-def rk4(derivative: Derivative, x: Any, dt: Any) -> Any:
-    """Classical Runge-Kutta, fourth order."""
-    derivative = stage(derivative)
+def rk4(derivative: Derivative, x: Any, dt: Any, staged: bool = True) -> Any:
+    """Classical Runge-Kutta, fourth order.
+
+    Args:
+        derivative: x -> x'.
+        x: state.
+        dt: step [s].
+        staged: the derivative is elementwise arithmetic and may be one native function.
+    """
+    derivative = stage(derivative) if staged else derivative
     k1 = derivative(x)
     k2 = derivative(_advance(x, k1, 0.5 * dt))
     k3 = derivative(_advance(x, k2, 0.5 * dt))
