@@ -34,6 +34,9 @@ from wheelhop.vehicle.road import class_level
 @command
 def estimate(
     log: Annotated[Path, typer.Argument(help="CSV or Parquet: t, a_s, a_u, v with units.")],
+    corner: Annotated[
+        str | None, typer.Option(help="Corner of a log of four: FL, FR, RL or RR.")
+    ] = None,
     vehicle: VehicleFile = None,
     classes: Annotated[
         str, typer.Option(help="ISO 8608 classes of the members, as letters.")
@@ -60,7 +63,8 @@ def estimate(
     require_writable(out)
     members = road_classes(classes)
     with computing(precision):
-        record = read_log(log, units)
+        record = read_log(log, units, corner)
+        _refuse_front_for_rear(corner, vehicle)
         car, name = load_vehicle(vehicle)
         tuning = validate_tuning(Tuning(noise_a_s=noise, noise_a_u=noise, stiffness_walk=walk))
         with progress_bar("filtering", "samples") as advance:
@@ -69,13 +73,15 @@ def estimate(
             )
     settings = {
         "log": str(log),
+        "corner": corner,
         "vehicle": name,
         "classes": members,
         "tuning": asdict(tuning),
         "seed": seed,
     }
     made_by = provenance("estimate", precision, **settings)
-    report(result, record, car, tuning, out, made_by, Path(log).name)
+    title = Path(log).name if corner is None else f"{Path(log).name}, {corner}"
+    report(result, record, car, tuning, out, made_by, title)
 
 
 @command
@@ -100,6 +106,15 @@ def demo(
     )
     title = f"A tyre that leaks from 230 to 180 kPa, class {road} road, 60 km/h"
     report(result, record, brancati_suv(), tuning, out, made_by, title, log_too=True)
+
+
+def _refuse_front_for_rear(corner: str | None, vehicle: Path | None) -> None:
+    if vehicle is None and corner is not None and corner.startswith("R"):
+        raise InputError(
+            "--vehicle",
+            f"the default vehicle is a front corner, and {corner} is a rear one",
+            "Write a rear one with `wheelhop vehicle --axle rear --out rear.toml`, and name it.",
+        )
 
 
 def road_classes(letters: str) -> tuple[str, ...]:

@@ -27,8 +27,10 @@ Result = TypeVar("Result")
 
 @command
 def road(
-    profile: Annotated[Path, typer.Argument(help="CSV or Parquet: x_m and one column a track.")],
-    track: Annotated[str | None, typer.Option(help="Elevation column; default the middle.")] = None,
+    profile: Annotated[Path, typer.Argument(help="x_m and one column a track, or .crg.")],
+    track: Annotated[
+        str | None, typer.Option(help="Elevation column, or lateral position [m] in a .crg.")
+    ] = None,
     out: OutDirectory = Path("wheelhop-road"),
     seed: UnusedSeed = 0,
 ) -> None:

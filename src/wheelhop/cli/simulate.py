@@ -1,51 +1,64 @@
-"""`wheelhop simulate`: a log of a virtual corner on a measured or random road."""
+"""`wheelhop simulate`: a log of a virtual corner, or of a full vehicle, on any road."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import jax
 import numpy as np
 import typer
 
-from wheelhop.cli.session import Precision, Seed, command, computing, console, provenance
-from wheelhop.cli.vehicle import VehicleFile, load_vehicle
+from wheelhop.cli.corner_report import report_corner
+from wheelhop.cli.corner_road import measured_rise, random_rise
+from wheelhop.cli.session import Precision, Seed, command, computing, provenance
+from wheelhop.cli.simulate_vehicle import DriveChoice, simulate_drive
+from wheelhop.cli.vehicle import load_vehicle
+from wheelhop.cli.vehicle_road import CONTACTS, RoadChoice
 from wheelhop.errors import InputError, require_in_range
-from wheelhop.io.logs import write_log
-from wheelhop.io.results import output_directory, require_writable, write_figure, write_json
+from wheelhop.io.results import require_writable
 from wheelhop.io.roads import read_road
-from wheelhop.plots import plot_log
 from wheelhop.vehicle import sensors
-from wheelhop.vehicle.record import CornerRecord
-from wheelhop.vehicle.road import Profile, class_level, synthesise
-from wheelhop.vehicle.road.shape_filter import stationary_variance
-from wheelhop.vehicle.scenario import (
-    SUBSTEPS,
-    Leak,
-    constant_travel,
-    drive,
-    road_rise_from_profile,
-    road_rise_of_class,
-)
+from wheelhop.vehicle.drives import DRIVES
+from wheelhop.vehicle.full_vehicle_parameters import VEHICLES
+from wheelhop.vehicle.parameters import QuarterCar
+from wheelhop.vehicle.scenario import SUBSTEPS, Leak, drive
 from wheelhop.vehicle.sensors import Sensor
 
+_FULL = f"Choose a full vehicle, as --vehicle {next(iter(VEHICLES))}."
+_REMEDIES = {
+    "--pressure": "Give --pressures FL,FR,RL,RR, as 230,230,180,230.",
+    "--end-pressure": "Give --end-pressures FL,FR,RL,RR.",
+    "--convention": "Leave it out: its random roads follow ISO 8608.",
+    "--pressures": f"Give --pressure. {_FULL}",
+    "--end-pressures": f"Give --end-pressure. {_FULL}",
+}
+
 _RANDOM_ROAD_DURATION = 10.0
-_SYNTHESIS_SPACING = 0.02
 
 
 @command
 def simulate(
-    road: Annotated[str, typer.Option(help="x_m, z_m table, or iso:A to iso:H.")],
-    pressure: Annotated[float, typer.Option(help="Tyre pressure [kPa].")] = 180.0,
+    road: Annotated[
+        str | None, typer.Option(help="x_m, z_m table, or iso:A to iso:H; vehicle: flat, .crg too.")
+    ] = None,
+    pressure: Annotated[
+        float | None, typer.Option(help="Corner: tyre pressure [kPa]; default 180.")
+    ] = None,
     end_pressure: Annotated[
-        float | None, typer.Option(help="Pressure at the end, reached linearly [kPa].")
+        float | None, typer.Option(help="Corner: pressure at the end, reached linearly [kPa].")
     ] = None,
-    speed: Annotated[float, typer.Option(help="Vehicle speed [km/h].")] = 60.0,
+    speed: Annotated[
+        float | None, typer.Option(help="Speed [km/h]; default 60, or that of the maneuver.")
+    ] = None,
     duration: Annotated[
-        float | None, typer.Option(help="Length of the log [s]; default the road once, or 10 s.")
+        float | None,
+        typer.Option(help="Length of the log [s]; default that of the road or maneuver, or 10 s."),
     ] = None,
-    rate: Annotated[float, typer.Option(help="Sampling rate [Hz].")] = 500.0,
+    rate: Annotated[
+        float | None, typer.Option(help="Sampling rate [Hz]; default 500, vehicle 1000.")
+    ] = None,
     track: Annotated[str | None, typer.Option(help="Elevation column of the road.")] = None,
     reflect: Annotated[
         bool, typer.Option("--reflect", help="Continue a short road there and back.")
@@ -54,26 +67,108 @@ def simulate(
         float | None, typer.Option(help="Synthesise iso:X by spectrum with this waviness.")
     ] = None,
     convention: Annotated[
-        str, typer.Option(help="Level of iso:X: iso8608 or brancati2022.")
-    ] = "iso8608",
-    noise: Annotated[float, typer.Option(help="Accelerometer noise [m/s^2].")] = 0.5,
+        str | None,
+        typer.Option(help="Corner: level of a random road: iso8608 (default) or brancati2022."),
+    ] = None,
+    noise: Annotated[
+        float | None, typer.Option(help="Accelerometer noise [m/s^2]; default 0.5.")
+    ] = None,
     bias: Annotated[float, typer.Option(help="Accelerometer bias [m/s^2].")] = 0.0,
     resolution: Annotated[float, typer.Option(help="Quantisation step [m/s^2].")] = 0.0,
     dropout: Annotated[float, typer.Option(help="Probability of a lost sample.")] = 0.0,
-    vehicle: VehicleFile = None,
+    vehicle: Annotated[
+        str | None,
+        typer.Option(help=f"TOML of a corner, or a full vehicle: {', '.join(VEHICLES)}."),
+    ] = None,
+    maneuver: Annotated[
+        str | None, typer.Option(help=f"Vehicle: {', '.join(DRIVES)}; default the first.")
+    ] = None,
+    peak: Annotated[
+        float | None, typer.Option(help="Vehicle: lateral acceleration of a lane change [g].")
+    ] = None,
+    pressures: Annotated[
+        str | None, typer.Option(help="Vehicle: FL,FR,RL,RR [kPa], as 230,230,180,230.")
+    ] = None,
+    end_pressures: Annotated[
+        str | None, typer.Option(help="Vehicle: pressures at the end, reached linearly [kPa].")
+    ] = None,
+    contact: Annotated[
+        str | None,
+        typer.Option(help=f"Vehicle: tyre on the road: {', '.join(CONTACTS)}; default the second."),
+    ] = None,
+    tire: Annotated[
+        Path | None, typer.Option(help="Vehicle: slip forces of a tyre property file (.tir).")
+    ] = None,
+    anti_roll: Annotated[
+        bool | None, typer.Option("--anti-roll/--no-anti-roll", help="Vehicle suv: with its bars.")
+    ] = None,
+    animate: Annotated[
+        bool | None, typer.Option("--animate", help="Vehicle: draw an animation as well.")
+    ] = None,
     out: Annotated[
-        Path, typer.Option("--out", help="Log to write (.csv, .parquet), or a directory for it.")
-    ] = Path("wheelhop-log.parquet"),
+        Path | None,
+        typer.Option(
+            "--out",
+            help="Corner: log to write, or a directory; vehicle: directory. "
+            "Default wheelhop-log.parquet, wheelhop-drive.",
+        ),
+    ] = None,
     seed: Seed = 0,
     precision: Precision = "float64",
 ) -> None:
-    """Simulate the log of one corner over a measured road profile or an ISO 8608 road.
+    """Simulate the log of one corner, or of a full vehicle in a maneuver, over a road.
 
-    The tyre touches the road in a point and the vehicle goes straight at constant speed. The
-    log carries the true pressure, so that `wheelhop estimate` can tell its own error.
+    One corner touches the road in a point and goes straight at constant speed. A full vehicle
+    has 14 degrees of freedom. The log carries the true pressure, so that `wheelhop estimate`
+    can tell its own error.
 
     Example: wheelhop simulate --road road.csv --pressure 180 --speed 60 --out drive.csv
+
+    Example: wheelhop simulate --vehicle suv --maneuver lane-change --road iso:B --animate
     """
+    sensor = Sensor(0.5 if noise is None else noise, bias, resolution, dropout)
+    corner_only = {
+        "--pressure": pressure,
+        "--end-pressure": end_pressure,
+        "--convention": convention,
+    }
+    vehicle_only = {
+        "--maneuver": maneuver,
+        "--peak": peak,
+        "--pressures": pressures,
+        "--end-pressures": end_pressures,
+        "--contact": contact,
+        "--tire": tire,
+        "--anti-roll/--no-anti-roll": anti_roll,
+        "--animate": animate,
+    }
+    if vehicle is not None and vehicle in VEHICLES:
+        _refuse(corner_only, f"the full vehicle {vehicle}")
+        choice = DriveChoice(
+            vehicle=vehicle,
+            maneuver=maneuver or "straight",
+            road=RoadChoice(road or "flat", track, reflect, waviness, contact or "moving-average"),
+            pressures=pressures,
+            end_pressures=end_pressures,
+            speed=speed,
+            peak=peak,
+            duration=duration,
+            rate=rate,
+            sensor=sensor,
+            tire=tire,
+            anti_roll=anti_roll,
+            animate=bool(animate),
+        )
+        simulate_drive(choice, out or Path("wheelhop-drive"), seed, precision)
+        return
+    _refuse(vehicle_only, "a single corner")
+    pressure = 180.0 if pressure is None else pressure
+    convention = convention or "iso8608"
+    out = out or Path("wheelhop-log.parquet")
+    if road is None:
+        raise InputError("--road", "it is missing", "Name a table of x_m, z_m, or iso:A to iso:H.")
+    speed = 60.0 if speed is None else speed
+    rate = 500.0 if rate is None else rate
     log = out if out.suffix in (".csv", ".parquet") else out / "log.parquet"
     require_writable(log.parent)
     if log.is_dir():
@@ -85,19 +180,19 @@ def simulate(
         require_in_range("--duration", duration, 0.1, 36000.0, "s")
     require_in_range("--rate", rate, 50.0, 20e3, "Hz")
     with computing(precision):
-        car, name = load_vehicle(vehicle)
-        sensor = sensors.validate("sensor", Sensor(noise, bias, resolution, dropout))
+        car, name = _corner(vehicle)
+        sensor = sensors.validate("sensor", sensor)
         road_key, sensor_key = jax.random.split(jax.random.key(seed))
         if road.lower().startswith("iso:"):
             seconds = duration or _RANDOM_ROAD_DURATION
-            rise = _random_road(
+            rise = random_rise(
                 road_key, road[4:], metres_per_second, seconds, rate, waviness, convention
             )
         else:
             profile, track = read_road(Path(road), track)
             once = profile.length / metres_per_second
             seconds = duration or np.floor(once * rate) / rate
-            rise = _measured_road(profile, metres_per_second, seconds, rate, reflect, once)
+            rise = measured_rise(profile, metres_per_second, seconds, rate, reflect)
         last = pressure if end_pressure is None else end_pressure
         leak = Leak(1e3 * pressure, 1e3 * last, 0.0, seconds)
         record, _ = drive(
@@ -114,72 +209,28 @@ def simulate(
         "rate_Hz": rate,
         "simulation_steps_per_sample": SUBSTEPS,
         "vehicle": name,
-        "sensor_noise_m_per_s2": noise,
+        "sensor_noise_m_per_s2": sensor.noise,
         "sensor_bias_m_per_s2": bias,
         "sensor_resolution_m_per_s2": resolution,
         "sensor_dropout_probability": dropout,
         "seed": seed,
     }
     title = f"{Path(road).name}, {speed:g} km/h, {pressure:g} kPa"
-    _report(log, out, record, title, provenance("simulate", precision, **settings))
+    report_corner(log, out, record, title, provenance("simulate", precision, **settings))
 
 
-def _report(log: Path, out: Path, record: CornerRecord, title: str, made_by: dict) -> None:
-    """Write the log, its figure and its summary, and say so."""
-    directory = output_directory(log.parent)
-    write_log(log, record)
-    write_figure(log.with_suffix(".png"), plot_log(record, title))
-    seconds = len(record.t) * record.dt
-    results = {
-        "duration_s": seconds,
-        "samples": len(record.t),
-        "distance_m": float(np.sum(record.v) * record.dt),
-        "rms_a_s_m_per_s2": float(np.sqrt(np.nanmean(record.a_s**2))),
-        "rms_a_u_m_per_s2": float(np.sqrt(np.nanmean(record.a_u**2))),
-    }
-    summary = directory / ("summary.json" if log.parent == out else f"{log.stem}.summary.json")
-    write_json(summary, {**made_by, "results": results})
-    console.print(
-        f"{len(record.t)} samples over {seconds:.2f} s and {results['distance_m']:.1f} m; rms "
-        f"body {results['rms_a_s_m_per_s2']:.2f} m/s^2, wheel "
-        f"{results['rms_a_u_m_per_s2']:.2f} m/s^2"
-    )
-    console.print(f"wrote {log}, {log.with_suffix('.png').name} and {summary.name}", soft_wrap=True)
-
-
-def _random_road(
-    key: Any,
-    road_class: str,
-    speed: float,
-    duration: float,
-    rate: float,
-    waviness: float | None,
-    convention: str,
-) -> Any:
-    """Rise per fine step of an ISO road: exact shape filter, or spectral for any waviness."""
-    level = class_level(road_class)
-    if waviness is None:
-        samples = round(duration * rate)
-        travel = constant_travel(speed, samples, rate)
-        return road_rise_of_class(key, level, travel, convention)
-    require_in_range("--waviness", waviness, 1.0, 4.0, "(no unit)")
-    level *= stationary_variance(1.0, convention) / stationary_variance(1.0)
-    length = speed * duration + 2.0
-    z = synthesise(key, length, _SYNTHESIS_SPACING, level, waviness)
-    profile = Profile(_SYNTHESIS_SPACING, np.asarray(z, float))
-    return road_rise_from_profile(profile, speed, duration, rate)
-
-
-def _measured_road(
-    profile: Profile, speed: float, duration: float, rate: float, reflect: bool, once: float
-) -> np.ndarray:
-    if duration > once * (1 + 1e-9) and not reflect:
+def _corner(vehicle: str | None) -> tuple[QuarterCar, str]:
+    if vehicle is not None and Path(vehicle).suffix != ".toml" and not Path(vehicle).exists():
         raise InputError(
-            "--duration",
-            f"the road of {profile.length:g} m lasts {once:.3g} s at {3.6 * speed:g} km/h, "
-            f"not {duration:g} s",
-            "Give a shorter duration, or --reflect to continue the road there and back.",
+            "--vehicle",
+            f"{vehicle!r} is neither a full vehicle nor a file",
+            f"Use {', '.join(VEHICLES)}, or the TOML of a corner.",
         )
-    if duration > once * (1 + 1e-9):
-        console.print(f"the road of {profile.length:g} m is continued there and back (--reflect)")
-    return road_rise_from_profile(profile, speed, duration, rate, reflect=reflect)
+    return load_vehicle(None if vehicle is None else Path(vehicle))
+
+
+def _refuse(strangers: Mapping[str, object], kind: str) -> None:
+    """Refuse options of the other kind of vehicle."""
+    for option, value in strangers.items():
+        if value is not None:
+            raise InputError(option, f"{kind} does not take it", _REMEDIES.get(option, _FULL))

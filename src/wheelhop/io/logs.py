@@ -1,4 +1,4 @@
-"""Logs of one corner: t, a_s, a_u, v, with declared units."""
+"""Logs of one corner, or of one corner out of four: t, a_s, a_u, v, with declared units."""
 
 from __future__ import annotations
 
@@ -20,16 +20,20 @@ OPTIONAL = {"pressure": "pressure"}
 LOG_UNITS = {"t": "s", "a_s": "m/s^2", "a_u": "m/s^2", "v": "m/s", "pressure": "Pa"}
 
 
-def read_log(path: Path, declaration: Path | None = None) -> CornerRecord:
+def read_log(
+    path: Path, declaration: Path | None = None, corner: str | None = None
+) -> CornerRecord:
     """Read, convert and check a log.
 
     Columns t, a_s, a_u, v are required; `pressure`, the true one, is optional. Units stand in
     the header (`a_s [m/s^2]`) or in a TOML file with `[units]` and, where the log names its
-    columns otherwise, `[columns]`; LOG.toml beside the log is read by itself.
+    columns otherwise, `[columns]`; LOG.toml beside the log is read by itself. In a log of several
+    corners the columns end in the corner's name, `a_s_FL`; one is read.
 
     Args:
         path: CSV or Parquet file.
         declaration: TOML file with units and column names.
+        corner: the one to read where the log holds several, as FL.
 
     Raises:
         InputError: naming the column or file, what was found, and the remedy.
@@ -39,6 +43,7 @@ def read_log(path: Path, declaration: Path | None = None) -> CornerRecord:
     if declaration is None and sidecar.is_file():
         declaration = sidecar
     units, names = _read_declaration(declaration) if declaration else ({}, {})
+    names = _columns_of_corner(table, corner, names) | names
     columns = {
         field: _column(table, field, quantity, units, names)
         for field, quantity in (REQUIRED | OPTIONAL).items()
@@ -53,6 +58,32 @@ def write_log(path: Path, record: CornerRecord) -> Path:
     if record.pressure is not None:
         columns["pressure"] = record.pressure
     return write_table(path, columns, LOG_UNITS)
+
+
+def _columns_of_corner(table: Table, corner: str | None, names: dict[str, str]) -> dict[str, str]:
+    """Names of the columns of the chosen corner; none where the log holds a single one."""
+    present = table.columns
+    corners = [n[4:] for n in present if n.startswith("a_s_") and f"a_u_{n[4:]}" in present]
+    if corner is None:
+        if corners and "a_s" not in {*present, *names}:
+            raise InputError(
+                "--corner",
+                f"{table.path.name} holds the corners {', '.join(corners)}",
+                f"Choose one, as --corner {corners[0]}.",
+            )
+        return {}
+    if corner not in corners:
+        held = f"only {', '.join(corners)}" if corners else "one corner without a name"
+        raise InputError(
+            "--corner",
+            f"{corner!r} is not in {table.path.name}, which holds {held}",
+            "Choose one of these." if corners else "Leave --corner out.",
+        )
+    return {
+        field: f"{field}_{corner}"
+        for field in ("a_s", "a_u", "pressure")
+        if f"{field}_{corner}" in present
+    }
 
 
 def _column(

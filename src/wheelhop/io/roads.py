@@ -1,4 +1,4 @@
-"""Road profiles in: x_m, z_m tables with one or several tracks."""
+"""Road profiles in: x_m, z_m tables with one or several tracks, and OpenCRG surfaces."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from wheelhop.errors import InputError
+from wheelhop.io.opencrg import read_opencrg
 from wheelhop.io.tables import Table, read_table
 from wheelhop.io.units import to_si
 from wheelhop.vehicle.road.profile import Profile, profile_from_samples
+from wheelhop.vehicle.road.tracks import profile_along
 
 _DISTANCE = re.compile(r"x(_[a-z]+)?")
 _SUFFIX = re.compile(r".*_(m|mm|cm|ft|in|km)")
@@ -21,11 +23,13 @@ def read_road(path: Path, track: str | None = None) -> tuple[Profile, str]:
 
     The distance is a column x_m (or `x [unit]`, x_mm, ...), an elevation a column whose name
     begins with z: z_m, `z [mm]`, z_left. The unit stands in brackets or as the name's ending;
-    without either it is metres.
+    without either it is metres. Of an OpenCRG surface, laid out along its reference line, the
+    track is the lateral position in metres, left positive.
 
     Args:
-        path: CSV or Parquet file.
-        track: elevation column to read; the only one, or the middle one, by default.
+        path: CSV, Parquet or OpenCRG (.crg) file.
+        track: elevation column to read; the only one, or the middle one, by default. Lateral
+            position of an OpenCRG track; its reference line by default.
 
     Returns:
         The profile, and the name of the column it was read from.
@@ -33,6 +37,8 @@ def read_road(path: Path, track: str | None = None) -> tuple[Profile, str]:
     Raises:
         InputError: naming the column or file, what was found, and the remedy.
     """
+    if Path(path).suffix.lower() == ".crg":
+        return _crg_track(Path(path), track)
     table = read_table(Path(path))
     x_name = next((n for n in table.columns if _DISTANCE.fullmatch(n)), None)
     if x_name is None:
@@ -56,6 +62,17 @@ def read_road(path: Path, track: str | None = None) -> tuple[Profile, str]:
             f"Use one of {', '.join(names) or table.contents}.",
         )
     return profile_from_samples(_metres(table, x_name), _metres(table, name)), name
+
+
+def _crg_track(path: Path, track: str | None) -> tuple[Profile, str]:
+    try:
+        lateral = 0.0 if track is None else float(track)
+    except ValueError:
+        raise InputError(
+            "--track", f"{track!r} is no lateral position", "Give metres, left positive, as 0.75."
+        ) from None
+    grid = read_opencrg(path, unroll=True)
+    return profile_along(grid, lateral), f"y = {lateral:g} m"
 
 
 def _metres(table: Table, name: str) -> np.ndarray:

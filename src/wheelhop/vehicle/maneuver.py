@@ -119,9 +119,9 @@ def controls_at(
     """Wheel angles and torques at a time [s] and state."""
     front = front_angle(maneuver, t, x, vehicle)
     none = jnp.zeros_like(front)
-    held = 1.0 - smooth_rise((t - maneuver.release) / maneuver.brake.rise)
+    held = 1.0 - _risen(t, maneuver.release, maneuver.brake.rise)
     drive = held * drive_torque(maneuver, x, vehicle, around)
-    brake = maneuver.brake.torque * smooth_rise((t - maneuver.brake.begin) / maneuver.brake.rise)
+    brake = maneuver.brake.torque * _risen(t, maneuver.brake.begin, maneuver.brake.rise)
     return Controls(
         steer=jnp.stack([front, front, none, none]),
         drive=vehicle.drive_share * drive[None],
@@ -176,6 +176,11 @@ def smooth_rise(u: Any) -> Any:
     """0 below u = 0, 1 above u = 1, twice differentiable in between."""
     u = jnp.clip(u, 0.0, 1.0)
     return u * u * u * (10.0 - 15.0 * u + 6.0 * u * u)
+
+
+def _risen(t: Any, begin: Any, rise: Any) -> Any:
+    # bounded before the division: an infinite or instant beginning has finite derivatives too
+    return smooth_rise(jnp.maximum(t - begin, 0.0) / jnp.maximum(rise, 1e-6))
 
 
 def _arc(u: Any) -> tuple[Any, Any]:
