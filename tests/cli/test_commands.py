@@ -1,10 +1,12 @@
 """Every command end to end: what it prints, what it writes, and how it refuses bad input."""
 
+import io
 import json
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from wheelhop.cli import app
@@ -258,3 +260,12 @@ def test_measured_roads_run_through_the_whole_chain(work, data):
     assert "the road is rougher than the classes" in said
     assert "is no plausible pressure of a tyre of 250 kPa" in said
     assert "overconfident" in said
+
+
+def test_headings_of_tables_keep_their_units():
+    from wheelhop.cli.session import headed_table
+
+    console = Console(width=80, file=io.StringIO())
+    console.print(headed_table("time [s]", "estimate [kPa]", title="pressure"))
+    assert "time [s]" in console.file.getvalue()
+    assert "estimate [kPa]" in console.file.getvalue()

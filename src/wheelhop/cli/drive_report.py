@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
-from wheelhop.cli.session import console, progress_bar, say_files
+from wheelhop.cli.session import console, headed_table, progress_bar, say_files
 from wheelhop.io.results import write_atomically, write_figure, write_json
 from wheelhop.io.vehicle_logs import write_vehicle_log
 from wheelhop.plots.animation import write_animation
@@ -56,7 +55,7 @@ def drive_summary(record: VehicleRecord) -> dict[str, Any]:
 
 def print_drive(results: dict[str, Any]) -> None:
     """Print the figures of `drive_summary`."""
-    table = Table(
+    table = headed_table(
         "corner", "pressure [kPa]", "load [kN]", "compression [mm]", "rms a_u [m/s^2]", "hop [Hz]"
     )
     for column in table.columns[1:]:

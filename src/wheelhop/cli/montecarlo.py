@@ -17,6 +17,7 @@ from wheelhop.cli.session import (
     command,
     computing,
     console,
+    headed_table,
     progress_bar,
     provenance,
     say_files,
@@ -94,7 +95,7 @@ def montecarlo(
 
 def _table(t: np.ndarray, result: RunResult, statistics: ErrorStatistics) -> Table:
     low, high = mean_band(5, len(result.error))
-    table = Table(
+    table = headed_table(
         "time [s]",
         "mean error [kPa]",
         "std [kPa]",

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from wheelhop.cli.session import console, say_files
+from wheelhop.cli.session import console, headed_table, say_files
 from wheelhop.estimators.estimate import PressureEstimate
 from wheelhop.estimators.immuf import Tuning
 from wheelhop.evaluation.summary import summarise_estimate
@@ -68,9 +68,9 @@ def _write_estimate(path: Path, result: PressureEstimate) -> None:
 
 def _table(rows: list[dict[str, Any]]) -> Table:
     known = "true_pressure_Pa" in rows[0]
-    table = Table("time [s]", *(["true [kPa]"] if known else []), title="tyre pressure")
-    for heading in ("estimate [kPa]", "sigma [kPa]", "most probable road class"):
-        table.add_column(heading)
+    truth = ["true [kPa]"] if known else []
+    estimated = ("estimate [kPa]", "sigma [kPa]", "most probable road class")
+    table = headed_table("time [s]", *truth, *estimated, title="tyre pressure")
     for column in table.columns:
         column.justify = "right"
     for row in rows:

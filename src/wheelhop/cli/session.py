@@ -14,6 +14,7 @@ import jax
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
 from wheelhop import __version__
 from wheelhop.errors import DivergenceError, InputError, InputWarning
@@ -109,6 +110,11 @@ def provenance(name: str, precision: str, **settings: Any) -> dict[str, Any]:
 def say_files(directory: Path, *names: str) -> None:
     """Say where the results are."""
     console.print(f"wrote {', '.join(names)} in {_escape(str(directory))}", soft_wrap=True)
+
+
+def headed_table(*headings: str, title: str | None = None) -> Table:
+    """A table whose headings keep their units in square brackets, which are no markup."""
+    return Table(*(_escape(heading) for heading in headings), title=title)
 
 
 def _show_warning(message: Any, category: Any, *args: Any, **kwargs: Any) -> None:

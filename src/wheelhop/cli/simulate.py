@@ -22,7 +22,6 @@ from wheelhop.io.roads import read_road
 from wheelhop.vehicle import sensors
 from wheelhop.vehicle.drives import DRIVES
 from wheelhop.vehicle.full_vehicle_parameters import VEHICLES
-from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.scenario import SUBSTEPS, Leak, drive
 from wheelhop.vehicle.sensors import Sensor
 
@@ -161,6 +160,7 @@ def simulate(
         )
         simulate_drive(choice, out or Path("wheelhop-drive"), seed, precision)
         return
+    _require_known(vehicle)
     _refuse(vehicle_only, "a single corner")
     pressure = 180.0 if pressure is None else pressure
     convention = convention or "iso8608"
@@ -180,7 +180,7 @@ def simulate(
         require_in_range("--duration", duration, 0.1, 36000.0, "s")
     require_in_range("--rate", rate, 50.0, 20e3, "Hz")
     with computing(precision):
-        car, name = _corner(vehicle)
+        car, name = load_vehicle(None if vehicle is None else Path(vehicle))
         sensor = sensors.validate("sensor", sensor)
         road_key, sensor_key = jax.random.split(jax.random.key(seed))
         if road.lower().startswith("iso:"):
@@ -219,14 +219,13 @@ def simulate(
     report_corner(log, out, record, title, provenance("simulate", precision, **settings))
 
 
-def _corner(vehicle: str | None) -> tuple[QuarterCar, str]:
+def _require_known(vehicle: str | None) -> None:
     if vehicle is not None and Path(vehicle).suffix != ".toml" and not Path(vehicle).exists():
         raise InputError(
             "--vehicle",
             f"{vehicle!r} is neither a full vehicle nor a file",
             f"Use {', '.join(VEHICLES)}, or the TOML of a corner.",
         )
-    return load_vehicle(None if vehicle is None else Path(vehicle))
 
 
 def _refuse(strangers: Mapping[str, object], kind: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,8 @@ CONTACTS = ("point", "moving-average", "tandem-cam")
 """How a tyre may touch the road."""
 
 _AHEAD = 5.0
+# drives of about the same length share their compiled code
+_STEP = 50.0
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,8 @@ def road_for(
     Raises:
         InputError: naming the option that the road does not take, or the file's fault.
     """
-    length = distance + float(vehicle.chassis.front_arm) + _AHEAD
+    needed = distance + float(vehicle.chassis.front_arm) + _AHEAD
+    length = _STEP * math.ceil(needed / _STEP)
     random = choice.road.lower().startswith("iso:")
     measured = not random and choice.road.lower() != "flat"
     crg = choice.road.lower().endswith(".crg")
@@ -91,12 +95,13 @@ def road_for(
     elif measured:
         left, right = _profiles(Path(choice.road), choice.track, lines_of(vehicle))
         end = left.length if right is None else min(left.length, right.length)
-        if end < length and not choice.reflect:
+        if end < needed and not choice.reflect:
             raise InputError(
                 "--duration",
-                f"the drive needs {length:.4g} m of road, and {choice.name} has {end:.4g} m",
+                f"the drive needs {needed:.4g} m of road, and {choice.name} has {end:.4g} m",
                 "Give a shorter duration, or --reflect to continue the road there and back.",
             )
+        length = length if choice.reflect else min(length, end)
         tracks = measured_tracks(left, right, length, choice.reflect)
     else:
         tracks = flat_tracks(length)
@@ -108,7 +113,7 @@ def _profiles(
 ) -> tuple[Profile, Profile | None]:
     """Left and right profile of a file; no right one where both sides see the same."""
     if path.suffix.lower() == ".crg":
-        grid = read_opencrg(path)
+        grid = read_opencrg(path, unroll=True)
         return profile_along(grid, lines[0]), profile_along(grid, lines[1])
     if track is None:
         columns = read_table(path).columns
