@@ -13,6 +13,8 @@ from scipy.interpolate import PchipInterpolator
 
 from wheelhop.errors import InputError
 
+_LONGEST_SUM = 16
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
@@ -60,13 +62,40 @@ def curve(x: Sequence[float], y: Sequence[float], end_slopes: Any = (None, None)
 
 
 def value(c: Curve, x: Any) -> Any:
-    """y at x, any shape, elementwise: no table lookup, so it stays in vector lanes."""
-    y = c.y[0] + c.slope[0] * jnp.minimum(x - c.x[0], 0.0)
+    """y at x, any shape.
+
+    A short curve is summed segment by segment: no table lookup, so it stays in vector lanes. A
+    long one, as a recorded steering angle, is looked up.
+
+    Args:
+        c: the curve; points [points], or [points, lanes] where x has lanes as its last axis.
+        x: abscissae.
+    """
+    if c.x.ndim > 1 and jnp.ndim(x) >= c.x.ndim:
+        c = Curve(*(part[:, None] for part in (c.x, c.y, c.slope)))
+    inside = _looked_up(c, x) if c.x.shape[0] > _LONGEST_SUM else _summed(c, x)
+    below = c.slope[0] * jnp.minimum(x - c.x[0], 0.0)
+    return inside + below + c.slope[-1] * jnp.maximum(x - c.x[-1], 0.0)
+
+
+def _summed(c: Curve, x: Any) -> Any:
+    y = c.y[0]
     for k in range(c.x.shape[0] - 1):
-        width, rise = c.x[k + 1] - c.x[k], c.y[k + 1] - c.y[k]
-        u = jnp.clip((x - c.x[k]) / width, 0.0, 1.0)
-        # Hermite cubic above the segment's first ordinate
-        cubic = width * (c.slope[k] + c.slope[k + 1]) - 2.0 * rise
-        square = 3.0 * rise - width * (2.0 * c.slope[k] + c.slope[k + 1])
-        y = y + u * (width * c.slope[k] + u * (square + u * cubic))
-    return y + c.slope[-1] * jnp.maximum(x - c.x[-1], 0.0)
+        y = y + _rise(c.x[k], c.x[k + 1], c.y[k], c.y[k + 1], c.slope[k], c.slope[k + 1], x)
+    return y
+
+
+def _looked_up(c: Curve, x: Any) -> Any:
+    knots, y, slope = (jnp.reshape(part, (part.shape[0],)) for part in (c.x, c.y, c.slope))
+    k = jnp.clip(jnp.searchsorted(knots, x, side="right") - 1, 0, knots.shape[0] - 2)
+    rise = _rise(knots[k], knots[k + 1], y[k], y[k + 1], slope[k], slope[k + 1], x)
+    return y[k] + rise
+
+
+def _rise(x0: Any, x1: Any, y0: Any, y1: Any, s0: Any, s1: Any, x: Any) -> Any:
+    """Hermite cubic of a segment above its first ordinate: 0 before it, y1 - y0 after it."""
+    width, rise = x1 - x0, y1 - y0
+    u = jnp.clip((x - x0) / width, 0.0, 1.0)
+    cubic = width * (s0 + s1) - 2.0 * rise
+    square = 3.0 * rise - width * (2.0 * s0 + s1)
+    return u * (width * s0 + u * (square + u * cubic))

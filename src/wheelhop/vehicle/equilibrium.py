@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
 from wheelhop.errors import DivergenceError
+from wheelhop.staging import stage
 from wheelhop.vehicle.chassis import BodyMotion, Loads, accelerations, wheel_places
 from wheelhop.vehicle.full_vehicle import (
     FullVehicle,
@@ -86,7 +87,7 @@ def static_equilibrium(
     start, restore = ravel_pytree(guess)
 
     def residual(flat: Any) -> Any:
-        a = _at_rest(restore(flat), pressure, road, vehicle, around)[0]
+        a = stage(_at_rest)(restore(flat), pressure, road, vehicle, around)[0]
         return jnp.concatenate([jnp.stack([a.body.z, a.rotation.x, a.rotation.y]), a.compression])
 
     def newton(flat: Any, _: Any) -> tuple[Any, None]:

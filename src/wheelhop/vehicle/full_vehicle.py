@@ -47,7 +47,7 @@ from wheelhop.vehicle.vector import (
     cross,
     lift,
     lift_frame,
-    scale,
+    per_corner,
     subtract,
     to_body,
     to_world,
@@ -60,6 +60,7 @@ from wheelhop.vehicle.wheel_contact import (
     WheelTire,
     contact_state,
     force_in_world,
+    road_moment,
     spin_torque,
     tire_forces,
     wheel_pose,
@@ -121,7 +122,12 @@ def evaluate(
     bank = replace(road, coefficients=None, slope_coefficients=None)
     patch, contact = stage(_contact)(pose, under, bank, vehicle.tire)
     forces = stage(tire_forces)(
-        contact, x.kappa, x.tan_alpha, pressure, around.friction, vehicle.tire
+        contact,
+        x.kappa,
+        x.tan_alpha,
+        pressure,
+        per_corner(jnp.asarray(around.friction), pressure),
+        vehicle.tire,
     )
     strut = stage(strut_force)(x.compression, x.compression_rate, vehicle)
     loads = stage(_loads)(x, controls, frame, pose, contact, forces, strut, vehicle, around)
@@ -179,7 +185,7 @@ def _loads(
     around: Surroundings,
 ) -> Loads:
     force = force_in_world(contact, forces)
-    moment = cross(scale(-contact.radius, contact.frame.z), force)
+    moment = road_moment(pose, contact, forces, force, vehicle.tire)
     axes = lift_frame(frame)
     drag = -0.5 * around.air_density * vehicle.drag_area * jnp.abs(x.v_x) * x.v_x
     nothing = jnp.zeros_like(drag)
@@ -187,7 +193,7 @@ def _loads(
         wheel_force=to_body(axes, force),
         wheel_moment=to_body(axes, moment),
         spin_torque=spin_torque(
-            pose, contact, forces, moment, controls.drive, controls.brake, vehicle.tire
+            pose, moment, controls.drive, controls.brake, vehicle.chassis.spin_inertia
         ),
         strut=strut,
         body_force=Vector(drag, nothing, nothing),

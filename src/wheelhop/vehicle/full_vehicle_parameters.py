@@ -114,23 +114,41 @@ def bmw_e90() -> FullVehicle:
 
 
 def commonroad_2() -> FullVehicle:
-    """Vehicle 2 (BMW 320i) of CommonRoad's vehicle models: linear springs and dampers."""
+    """Vehicle 2 (BMW 320i) of CommonRoad's vehicle models: linear springs and dampers.
+
+    Its auxiliary roll stiffness is an anti-roll bar here; its yaw inertia, which is that of the
+    whole car, is less that of the wheels; its slip behaviour is our generic tyre's.
+    """
     vertical = linear_vertical_tire(
         stiffness=158.294e3,
         nominal_pressure=220e3,
         pressure_coefficient=0.7,
-        unloaded_radius=0.344 + 2680.0 / 158.294e3,
+        unloaded_radius=0.344,
         rated_load=2700.0,
         damping=50.0,
     )
     wheel = 0.5 * 63.7921826
     front = Axle(
-        1.38684, wheel, 24453.14, Damper(1786.244), spin_inertia=1.7, diametral_inertia=0.85
+        1.38684,
+        wheel,
+        24453.14,
+        Damper(1786.244),
+        anti_roll=6914.88 / 1.38684**2,
+        spin_inertia=1.7,
+        diametral_inertia=0.85,
     )
-    rear = Axle(1.36398, wheel, 19635.5, Damper(1649.083), spin_inertia=1.7, diametral_inertia=0.85)
+    rear = Axle(
+        1.36398,
+        wheel,
+        19635.5,
+        Damper(1649.083),
+        anti_roll=2643.6 / 1.36398**2,
+        spin_inertia=1.7,
+        diametral_inertia=0.85,
+    )
     return design(
         965.7108,
-        (207.265, 1565.818, 1791.5995),
+        (207.265, 1565.818, 1513.0),
         (1.1561957, 1.4227171),
         0.61373,
         (front, rear),

@@ -100,11 +100,11 @@ def modes(
     Raises:
         DivergenceError: if the vehicle finds no static equilibrium.
     """
-    pressure, speed = jnp.asarray(pressure), jnp.asarray(speed, float)
+    pressure = jnp.asarray(pressure)
     around = Surroundings() if around is None else around
     around = jax.tree.map(lambda leaf: jnp.asarray(leaf, pressure.dtype), around)
     rest = require_rest(_rest(vehicle, pressure, around))
-    system = _system(rest, vehicle, pressure, around, speed)
+    system = _system(rest, vehicle, pressure, around, jnp.asarray(speed, pressure.dtype))
     values, vectors = np.linalg.eig(np.asarray(system, float))
     frequency, damping, shape = [], [], []
     for first, second in _pairs(values):

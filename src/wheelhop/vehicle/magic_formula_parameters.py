@@ -216,8 +216,8 @@ def validate(tire: MagicFormula) -> MagicFormula:
         size = abs(float(getattr(tire, name)))
         require_in_range(f"magic_formula.{name}", size, 0.01, 5.0, "(no unit)")
     require_in_range("magic_formula.pkx1", tire.pkx1, 0.1, 200.0, "(no unit)")
-    require_in_range("magic_formula.pky1", tire.pky1, -200.0, -0.1, "(no unit)")
-    require_in_range("magic_formula.pky2", tire.pky2, 0.01, 100.0, "(no unit)")
+    require_in_range("magic_formula.pky1", tire.pky1, -1e4, -0.1, "(no unit)")
+    require_in_range("magic_formula.pky2", tire.pky2, 0.01, 1e4, "(no unit)")
     for name in ("side", "measured_side"):
         value = float(getattr(tire, name))
         if value not in (-1.0, 1.0):

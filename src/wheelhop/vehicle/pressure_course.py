@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from wheelhop.errors import InputError, require_in_range
+from wheelhop.vehicle.vector import per_corner
 
 
 @jax.tree_util.register_dataclass
@@ -49,12 +50,15 @@ def pressure_at(course: PressureCourse, t: Any) -> Any:
     + dp (1 - exp(-t / tau_w)).
     """
     c = course
-    since = jnp.maximum(t - c.begin, 0.0)
-    even = jnp.clip(since / c.duration, 0.0, 1.0)
-    sudden = -jnp.expm1(-since / jnp.where(c.decay > 0, c.decay, 1.0))
-    lost = jnp.where(c.decay > 0, sudden, even)
-    warmer = c.warming * -jnp.expm1(-t / c.warming_time)
-    return c.start + (c.end - c.start) * lost + warmer
+    begin, duration, decay, warming, warming_time, now = (
+        per_corner(jnp.asarray(number), c.start)
+        for number in (c.begin, c.duration, c.decay, c.warming, c.warming_time, t)
+    )
+    since = jnp.maximum(now - begin, 0.0)
+    even = jnp.clip(since / duration, 0.0, 1.0)
+    sudden = -jnp.expm1(-since / jnp.where(decay > 0, decay, 1.0))
+    lost = jnp.where(decay > 0, sudden, even)
+    return c.start + (c.end - c.start) * lost + warming * -jnp.expm1(-now / warming_time)
 
 
 def validate(course: PressureCourse) -> PressureCourse:

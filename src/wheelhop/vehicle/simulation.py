@@ -22,7 +22,7 @@ from wheelhop.vehicle.integrate import rk4
 from wheelhop.vehicle.maneuver import Maneuver, controls_at
 from wheelhop.vehicle.pressure_course import PressureCourse, pressure_at
 from wheelhop.vehicle.road.surface import RoadSurface
-from wheelhop.vehicle.vector import Vector, lift, subtract, to_body
+from wheelhop.vehicle.vector import Vector, lift, per_corner, subtract, to_body
 
 RATE = 1000.0
 """Default output rate [Hz]."""
@@ -163,6 +163,7 @@ def signals(
         lift(now.acceleration.rotation),
         lift(rotation),
     )
+    standard = per_corner(jnp.asarray(around.gravity), x.compression)
     wheel = now.acceleration.wheel.z - gravity.z[None]
     return Signals(
         speed=x.v_x,
@@ -179,8 +180,8 @@ def signals(
         x=x.x,
         y=x.y,
         z=x.z,
-        body_acceleration=corner.z - around.gravity,
-        wheel_acceleration=wheel - around.gravity,
+        body_acceleration=corner.z - standard,
+        wheel_acceleration=wheel - standard,
         compression=x.compression,
         compression_rate=x.compression_rate,
         wheel_speed=x.spin,

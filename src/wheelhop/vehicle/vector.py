@@ -58,6 +58,11 @@ def lift(a: Vector) -> Vector:
     return Vector(a.x[None], a.y[None], a.z[None])
 
 
+def per_corner(value: Any, like: Any) -> Any:
+    """A number for all corners with the leading axis that `like`, of the corners, has."""
+    return value[None] if jnp.ndim(value) < jnp.ndim(like) else value
+
+
 def over_corners(a: Vector) -> Vector:
     """Sum over the leading axis of the corners."""
     return Vector(jnp.sum(a.x, 0), jnp.sum(a.y, 0), jnp.sum(a.z, 0))

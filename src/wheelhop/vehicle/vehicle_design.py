@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,9 +14,11 @@ from wheelhop.errors import InputError, require_in_range
 from wheelhop.vehicle.chassis import Chassis
 from wheelhop.vehicle.full_vehicle import FullVehicle
 from wheelhop.vehicle.magic_formula_parameters import MagicFormula
+from wheelhop.vehicle.magic_formula_parameters import validate as validate_slip
 from wheelhop.vehicle.strut import AntiRollBars, Damper, Strut, default_stop
 from wheelhop.vehicle.strut import validate as validate_strut
 from wheelhop.vehicle.vertical_tire import VerticalTire, deflection_at_load
+from wheelhop.vehicle.vertical_tire import validate as validate_vertical
 from wheelhop.vehicle.wheel_contact import WheelTire
 
 GRAVITY = 9.80665
@@ -213,11 +216,20 @@ def validate(vehicle: FullVehicle) -> FullVehicle:
             "Keep its square below the product of roll and yaw inertia.",
         )
     validate_strut(vehicle.strut, vehicle.anti_roll)
+    require_in_range("drag_area", vehicle.drag_area, 0.0, 20.0, "m^2")
+    require_in_range("steering_ratio", vehicle.steering_ratio, 1.0, 50.0, "(no unit)")
+    for vertical, slip in map(_each_wheel(vehicle.tire), range(4)):
+        validate_vertical(vertical)
+        validate_slip(slip)
     for name in ("drive_share", "brake_share"):
         total = float(jnp.sum(getattr(vehicle, name)))
         if abs(total - 1.0) > 1e-6:
             raise InputError(name, f"its sum is {total:g}", "Make the four shares sum to 1.")
     return vehicle
+
+
+def _each_wheel(tire: WheelTire) -> Callable[[int], tuple[VerticalTire, MagicFormula]]:
+    return lambda k: jax.tree.map(lambda leaf: leaf[k], (tire.vertical, tire.slip))
 
 
 def _four(parameters: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from functools import lru_cache
 from typing import Any
 
 import jax
@@ -10,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from wheelhop.errors import DivergenceError, InputError, require_in_range
-from wheelhop.staging import native_jit
+from wheelhop.staging import native_jit, staged_jit
 from wheelhop.vehicle import sensors as _sensors
 from wheelhop.vehicle.equilibrium import require_rest, state_at_rest, static_equilibrium
 from wheelhop.vehicle.full_vehicle import FullVehicle, Surroundings
@@ -145,7 +146,8 @@ def drive_vehicle(
         _arrays(pressure),
         _arrays(around),
     )
-    start = _start(vehicle, maneuver, road, pressure, around)
+    rest, start = _compiled_start()(vehicle, maneuver.speed, road, pressure, around)
+    require_rest(rest)
     samples = round(duration * rate)
     truth = _run(samples, float(rate), substeps)(start, vehicle, maneuver, road, pressure, around)
     truth = jax.tree.map(np.asarray, truth)
@@ -166,30 +168,31 @@ def validate_suite(suite: SensorSuite) -> SensorSuite:
     return suite
 
 
-_COMPILED: dict[Any, Any] = {}
-
-
+@lru_cache(maxsize=16)
 def _run(samples: int, rate: float, substeps: int) -> Any:
     settings = (samples, rate, substeps)
-    if settings not in _COMPILED:
 
-        def run(start: Any, vehicle: Any, maneuver: Any, road: Any, p: Any, around: Any) -> Signals:
-            return simulate_vehicle(start, vehicle, maneuver, road, p, around, *settings)[1]
+    def run(start: Any, vehicle: Any, maneuver: Any, road: Any, p: Any, around: Any) -> Signals:
+        return simulate_vehicle(start, vehicle, maneuver, road, p, around, *settings)[1]
 
-        _COMPILED[settings] = native_jit(run)
-    return _COMPILED[settings]
+    return native_jit(run)
 
 
-def _start(vehicle: FullVehicle, maneuver: Any, road: Any, pressure: Any, around: Any) -> Any:
-    """The vehicle at rest in its place on the road, rolling at the maneuver's speed."""
+@lru_cache(maxsize=1)
+def _compiled_start() -> Any:
+    return staged_jit(_start)
+
+
+def _start(vehicle: FullVehicle, speed: Any, road: Any, pressure: Any, around: Any) -> Any:
+    """The vehicle at rest in its place on the road, and rolling there at a speed."""
     c = vehicle.chassis
     x = jnp.stack([c.front_arm, c.front_arm, -c.rear_arm, -c.rear_arm])
     y = 0.5 * jnp.stack([c.front_track, -c.front_track, c.rear_track, -c.rear_track])
     under = road_under(road, x, y)
     elevation = under.elevation[under.elevation.shape[0] // 2]
     now = pressure_at(pressure, jnp.zeros_like(c.body_mass))
-    rest = require_rest(static_equilibrium(vehicle, now, around, elevation))
-    return state_at_rest(rest, maneuver.speed, vehicle)
+    rest = static_equilibrium(vehicle, now, around, elevation)
+    return rest, state_at_rest(rest, speed, vehicle)
 
 
 def _measured(
@@ -235,6 +238,8 @@ def _check(
     validate_vehicle(vehicle)
     validate_pressure(pressure)
     require_in_range("maneuver.speed", maneuver.speed, 0.0, 100.0, "m/s")
+    require_in_range("maneuver.brake.torque", maneuver.brake.torque, 0.0, 2e5, "Nm")
+    require_in_range("maneuver.brake.rise", maneuver.brake.rise, 1e-3, 60.0, "s")
     require_in_range("duration", duration, 0.05, 3600.0, "s")
     require_in_range("rate", rate, 50.0, 20e3, "Hz")
     if substeps < 1 or 1.0 / (rate * substeps) > LARGEST_SUBSTEP:

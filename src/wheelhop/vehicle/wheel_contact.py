@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from wheelhop.vehicle.magic_formula import relaxation_lengths, slip_forces
+from wheelhop.vehicle.magic_formula import relaxation_lengths, slip_forces, slip_stiffness
 from wheelhop.vehicle.magic_formula_parameters import MagicFormula
 from wheelhop.vehicle.vector import (
     Frame,
@@ -25,6 +25,10 @@ from wheelhop.vehicle.vertical_tire import VerticalTire, effective_radius, verti
 
 _REST_SPIN = 0.5
 _REST_SPEED = 2.0
+_BRAKE_RESPONSE = 5e-4
+_SMALLEST_DEMAND = 1e-4
+_SHORTEST = 0.005
+_FASTEST_RESPONSE = 1e-3
 
 
 @jax.tree_util.register_dataclass
@@ -172,7 +176,8 @@ def tire_forces(
     """Forces of tyres whose slip follows its steady value over the relaxation length.
 
     sigma_k kappa' = -V_sx - |V_x| kappa, sigma_a tan_alpha' = V_sy - |V_x| tan_alpha (Pacejka
-    2012, section 7.2, in slips).
+    2012, section 7.2, in slips). A sliding tyre stretches no further, so both lengths shrink as
+    the demand C slip / (mu F_z) grows, sigma / (1 + demand): the secant of a saturating tyre.
 
     Args:
         contact: of each tyre with the road.
@@ -185,7 +190,7 @@ def tire_forces(
     rolling = effective_radius(contact.deflection, tire.vertical)
     slip_speed = contact.speed - contact.spin * rolling
     carried = jnp.abs(contact.speed)
-    sigma_k, sigma_a = relaxation_lengths(load, tire.slip)
+    sigma_k, sigma_a = _shortened(contact, kappa, tan_alpha, load, pressure, friction, tire)
     near_rest = 0.5 * (1.0 + jnp.cos(jnp.pi * jnp.minimum(carried / _REST_SPEED, 1.0)))
     xi = tire.standstill_damping * near_rest
     forces = slip_forces(
@@ -207,25 +212,63 @@ def tire_forces(
     )
 
 
+def _shortened(
+    contact: ContactState,
+    kappa: Any,
+    tan_alpha: Any,
+    load: Any,
+    pressure: Any,
+    friction: Any,
+    tire: WheelTire,
+) -> tuple[Any, Any]:
+    """Relaxation lengths [m] of tyres that may slide; never faster than 1 ms."""
+    ahead, across = slip_stiffness(load, pressure, tire.slip)
+    limit = jnp.maximum(friction, 0.01) * jnp.maximum(load, 1.0)
+    x, y = ahead * kappa / limit, across * tan_alpha / limit
+    shrink = 1.0 + jnp.sqrt(x * x + y * y + _SMALLEST_DEMAND**2)
+    floor = _SHORTEST + _FASTEST_RESPONSE * jnp.abs(contact.speed)
+    sigma_k, sigma_a = relaxation_lengths(load, tire.slip)
+    return jnp.maximum(sigma_k / shrink, floor), jnp.maximum(sigma_a / shrink, floor)
+
+
 def force_in_world(contact: ContactState, forces: TireForces) -> Vector:
     """Force of the road on each wheel [N], in the world."""
     f = contact.frame
     return add(scale(forces.load, f.z), scale(forces.longitudinal, f.x), scale(forces.lateral, f.y))
 
 
-def spin_torque(
-    pose: WheelPose,
-    contact: ContactState,
-    forces: TireForces,
-    moment: Vector,
-    drive: Any,
-    brake: Any,
-    tire: WheelTire,
-) -> Any:
-    """Torque about each wheel's axis [Nm]: drive, brake, road and rolling resistance, [4, ...].
+def road_moment(
+    pose: WheelPose, contact: ContactState, forces: TireForces, force: Vector, tire: WheelTire
+) -> Vector:
+    """Moment of the road about each wheel centre [Nm], in the world.
 
-    The brake works against the spin, smoothly within 0.5 rad/s of rest.
+    That of the force at the foot of the loaded radius, and rolling resistance about the axis,
+    f_r F_z R_e against the spin, smooth within 0.5 rad/s of rest.
+
+    Args:
+        pose: of the wheels.
+        contact: with the road.
+        forces: of the tyres.
+        force: the same in the world [N].
+        tire: parameters.
     """
     turning = jnp.tanh(pose.spin / _REST_SPIN)
-    resisting = tire.rolling_resistance * forces.load * forces.effective_radius
-    return drive - (brake + resisting) * turning + dot(moment, pose.axis)
+    resisting = tire.rolling_resistance * forces.load * forces.effective_radius * turning
+    at_foot = cross(scale(-contact.radius, contact.frame.z), force)
+    return add(at_foot, scale(-resisting, pose.axis))
+
+
+def spin_torque(pose: WheelPose, moment: Vector, drive: Any, brake: Any, spin_inertia: Any) -> Any:
+    """Torque about each wheel's axis [Nm], [4, ...]: drive, brake and the road's moment.
+
+    The brake works against the spin, smoothly within 0.5 rad/s of rest and what the torque
+    itself changes in 0.5 ms: there is no stiction, a car held on a grade creeps.
+
+    Args:
+        pose: of the wheels.
+        moment: of the road about the wheel centres, in the world [Nm].
+        drive, brake: torques [Nm].
+        spin_inertia: of the wheels [kg m^2].
+    """
+    width = _REST_SPIN + _BRAKE_RESPONSE * jnp.abs(brake) / spin_inertia
+    return drive - brake * jnp.tanh(pose.spin / width) + dot(moment, pose.axis)
