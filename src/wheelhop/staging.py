@@ -67,7 +67,8 @@ def staged_jit(function: Callable[..., Any]) -> Callable[..., Any]:
     """`jax.jit` with stages, where this platform has them; call it at top level only.
 
     JAX refuses the result inside another `jax.jit` or `grad`: transform first, as in
-    `staged_jit(jax.grad(f))`.
+    `staged_jit(jax.grad(f))`. Pass arrays as arguments: with arrays that the function closes over
+    XLA:CPU can abort the process.
     """
     if not available():
         return jax.jit(function)

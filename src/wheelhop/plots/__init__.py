@@ -3,16 +3,20 @@
 from wheelhop.plots.estimate import plot_estimate, plot_log
 from wheelhop.plots.innovations import plot_innovations
 from wheelhop.plots.montecarlo import plot_campaign
+from wheelhop.plots.resonances import plot_corner_spectrum
 from wheelhop.plots.road import plot_road
 from wheelhop.plots.surface import plot_surface
 from wheelhop.plots.tire import plot_tire
+from wheelhop.plots.vehicle import plot_vehicle_record
 
 __all__ = [
     "plot_campaign",
+    "plot_corner_spectrum",
     "plot_estimate",
     "plot_innovations",
     "plot_log",
     "plot_road",
     "plot_surface",
     "plot_tire",
+    "plot_vehicle_record",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import jax
@@ -103,8 +104,9 @@ def modes(
     pressure = jnp.asarray(pressure)
     around = Surroundings() if around is None else around
     around = jax.tree.map(lambda leaf: jnp.asarray(leaf, pressure.dtype), around)
-    rest = require_rest(_rest(vehicle, pressure, around))
-    system = _system(rest, vehicle, pressure, around, jnp.asarray(speed, pressure.dtype))
+    equilibrium, linear = _compiled()
+    rest = require_rest(equilibrium(vehicle, pressure, around))
+    system = linear(rest, vehicle, pressure, around, jnp.asarray(speed, pressure.dtype))
     values, vectors = np.linalg.eig(np.asarray(system, float))
     frequency, damping, shape = [], [], []
     for first, second in _pairs(values):
@@ -164,8 +166,9 @@ def relative_gain_array(gain: Any) -> Any:
     return gain * jnp.linalg.inv(gain).T
 
 
-_system = staged_jit(vertical_system)
-_rest = staged_jit(static_equilibrium)
+@lru_cache(maxsize=1)
+def _compiled() -> tuple[Any, Any]:
+    return staged_jit(static_equilibrium), staged_jit(vertical_system)
 
 
 def _order(names: tuple[str, ...]) -> np.ndarray:

@@ -221,6 +221,8 @@ def _measured(
     for k, (name, signal, sensor, unit) in zip(keys, single, strict=True):
         columns[name] = np.asarray(_measure(k, jnp.asarray(signal), sensor, dt), float)
         units[name] = unit
+    # a speed sensor counts pulses: its noise does not make it go backwards
+    columns["v"] = np.maximum(columns["v"], 0.0)
     return columns, units
 
 
