@@ -3,11 +3,12 @@
     python -m benchmarks.full_vehicle [--quick] [--json FILE]
 
 Straight ahead at 90 km/h on an ISO 8608 road of class C, Runge-Kutta steps of 1 ms, in simulated
-seconds per second of wall clock. The peers are the model of tests/oracles/mujoco_vehicle.py, which
-gives the same motion (tests/vehicle/test_full_vehicle_oracle.py), on one core: with its force laws
-in NumPy, and `mj_step` alone without any force, which bounds what MuJoCo could do with force laws
-that cost nothing. Rounds are interleaved and medians reported, because machines drift; "a core" is
-one device, "all" every core as a device. MuJoCo computes in double precision.
+seconds per second of wall clock. The peers are the model of tests/oracles/mujoco_vehicle.py, one
+vehicle on one core: with its force laws in NumPy and a simpler slip law (with the same one it gives
+the same motion, tests/vehicle/test_full_vehicle_oracle.py), and `mj_step` alone without any force,
+which bounds what MuJoCo could do with force laws that cost nothing. Rounds are interleaved and
+medians reported, because machines drift; "a core" is one device, "all" every core as a device.
+MuJoCo computes in double precision.
 """
 
 from __future__ import annotations

@@ -126,3 +126,11 @@ def test_unphysical_strut_is_named():
         validate(strut(Damper(2000.0, asymmetry=1.2)), AntiRollBars())
     with pytest.raises(InputError, match="pulls before contact"):
         validate(replace(strut(), stop=curve([0.0, 0.01], [0.0, 1e3])), AntiRollBars())
+
+
+def test_the_most_lopsided_damper_still_rises_with_speed():
+    lopsided = strut(Damper(2800.0, asymmetry=0.8, knee=0.1))
+    speed = jnp.linspace(-2.0, 2.0, 4001)
+    assert np.all(np.diff(np.asarray(damper_force(speed, lopsided))) > 0)
+    with pytest.raises(InputError, match=r"damper\.asymmetry"):
+        validate(strut(Damper(2800.0, asymmetry=0.9)), AntiRollBars())

@@ -8,7 +8,8 @@ import numpy as np
 
 from wheelhop.cli.session import console
 from wheelhop.errors import InputError, require_in_range
-from wheelhop.vehicle.road import Profile, class_level, synthesise
+from wheelhop.vehicle.road import Profile, synthesise
+from wheelhop.vehicle.road.iso8608 import level_of
 from wheelhop.vehicle.road.shape_filter import stationary_variance
 from wheelhop.vehicle.scenario import (
     constant_travel,
@@ -30,7 +31,7 @@ def random_rise(
     convention: str,
 ) -> Any:
     """Rise per fine step of an ISO road: exact shape filter, or spectral for any waviness."""
-    level = class_level(road_class)
+    level = level_of(road_class)
     if waviness is None:
         samples = round(duration * rate)
         travel = constant_travel(speed, samples, rate)

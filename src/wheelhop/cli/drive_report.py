@@ -56,7 +56,12 @@ def drive_summary(record: VehicleRecord) -> dict[str, Any]:
 def print_drive(results: dict[str, Any]) -> None:
     """Print the figures of `drive_summary`."""
     table = headed_table(
-        "corner", "pressure [kPa]", "load [kN]", "compression [mm]", "rms a_u [m/s^2]", "hop [Hz]"
+        "corner",
+        "pressure [kPa]",
+        "load [kN]",
+        "compression [mm]",
+        "rms a_u [m/s^2]",
+        "true hop [Hz]",
     )
     for column in table.columns[1:]:
         column.justify = "right"

@@ -26,6 +26,8 @@ from wheelhop.vehicle.scenario import SUBSTEPS, Leak, drive
 from wheelhop.vehicle.sensors import Sensor
 
 _FULL = f"Choose a full vehicle, as --vehicle {next(iter(VEHICLES))}."
+_OTHER_ROAD = "Use --track and --reflect with a measured road, the others with iso:A to iso:H."
+
 _REMEDIES = {
     "--pressure": "Give --pressures FL,FR,RL,RR, as 230,230,180,230.",
     "--end-pressure": "Give --end-pressures FL,FR,RL,RR.",
@@ -40,7 +42,8 @@ _RANDOM_ROAD_DURATION = 10.0
 @command
 def simulate(
     road: Annotated[
-        str | None, typer.Option(help="x_m, z_m table, or iso:A to iso:H; vehicle: flat, .crg too.")
+        str | None,
+        typer.Option(help="x_m, z_m table, .crg, iso:A to iso:H or iso:LEVEL; vehicle: flat too."),
     ] = None,
     pressure: Annotated[
         float | None, typer.Option(help="Corner: tyre pressure [kPa]; default 180.")
@@ -74,7 +77,9 @@ def simulate(
     ] = None,
     bias: Annotated[float, typer.Option(help="Accelerometer bias [m/s^2].")] = 0.0,
     resolution: Annotated[float, typer.Option(help="Quantisation step [m/s^2].")] = 0.0,
-    dropout: Annotated[float, typer.Option(help="Probability of a lost sample.")] = 0.0,
+    dropout: Annotated[
+        float, typer.Option(help="Probability of a lost accelerometer sample.")
+    ] = 0.0,
     vehicle: Annotated[
         str | None,
         typer.Option(help=f"TOML of a corner, or a full vehicle: {', '.join(VEHICLES)}."),
@@ -163,10 +168,14 @@ def simulate(
     _require_known(vehicle)
     _refuse(vehicle_only, "a single corner")
     pressure = 180.0 if pressure is None else pressure
-    convention = convention or "iso8608"
     out = out or Path("wheelhop-log.parquet")
     if road is None:
         raise InputError("--road", "it is missing", "Name a table of x_m, z_m, or iso:A to iso:H.")
+    random = road.lower().startswith("iso:")
+    measured_only = {"--track": track, "--reflect": reflect or None}
+    random_only = {"--waviness": waviness, "--convention": convention}
+    _refuse(measured_only if random else random_only, f"the road {road}", _OTHER_ROAD)
+    convention = convention or "iso8608"
     speed = 60.0 if speed is None else speed
     rate = 500.0 if rate is None else rate
     log = out if out.suffix in (".csv", ".parquet") else out / "log.parquet"
@@ -183,7 +192,7 @@ def simulate(
         car, name = load_vehicle(None if vehicle is None else Path(vehicle))
         sensor = sensors.validate("sensor", sensor)
         road_key, sensor_key = jax.random.split(jax.random.key(seed))
-        if road.lower().startswith("iso:"):
+        if random:
             seconds = duration or _RANDOM_ROAD_DURATION
             rise = random_rise(
                 road_key, road[4:], metres_per_second, seconds, rate, waviness, convention
@@ -228,8 +237,9 @@ def _require_known(vehicle: str | None) -> None:
         )
 
 
-def _refuse(strangers: Mapping[str, object], kind: str) -> None:
-    """Refuse options of the other kind of vehicle."""
+def _refuse(strangers: Mapping[str, object], kind: str, remedy: str | None = None) -> None:
+    """Refuse options of the other kind of vehicle, or of road."""
     for option, value in strangers.items():
         if value is not None:
-            raise InputError(option, f"{kind} does not take it", _REMEDIES.get(option, _FULL))
+            cure = remedy or _REMEDIES.get(option, _FULL)
+            raise InputError(option, f"{kind} does not take it", cure)

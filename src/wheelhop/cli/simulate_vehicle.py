@@ -18,7 +18,7 @@ from wheelhop.io.results import output_directory, require_writable
 from wheelhop.io.tires import read_tire
 from wheelhop.vehicle.drives import DRIVES, Drive
 from wheelhop.vehicle.full_vehicle import FullVehicle
-from wheelhop.vehicle.full_vehicle_parameters import VEHICLES, suv, with_tire
+from wheelhop.vehicle.full_vehicle_parameters import VEHICLES, static_loads, suv, with_tire
 from wheelhop.vehicle.pressure_course import PressureCourse
 from wheelhop.vehicle.sensors import DATASHEET_ACCELEROMETER, Sensor
 from wheelhop.vehicle.sensors import validate as validate_sensor
@@ -74,6 +74,7 @@ def simulate_drive(choice: DriveChoice, out: Path, seed: int, precision: str) ->
         vehicle = _vehicle(choice)
         pressure = _pressures(choice, vehicle, seconds)
         rate = _RATE if choice.rate is None else choice.rate
+        substeps = max(1, math.ceil(1.0 / (rate * _LONGEST_STEP)))
         sensor = validate_sensor("sensor", choice.sensor)
         suite = SensorSuite(body_acceleration=sensor, wheel_acceleration=sensor)
         road_key, sensor_key = jax.random.split(jax.random.key(seed))
@@ -93,12 +94,17 @@ def simulate_drive(choice: DriveChoice, out: Path, seed: int, precision: str) ->
                 pressure,
                 seconds,
                 rate=rate,
-                substeps=max(1, math.ceil(1.0 / (rate * _LONGEST_STEP))),
+                substeps=substeps,
                 suite=suite,
             )
     results = drive_summary(record)
     print_drive(results)
-    made_by = provenance("simulate", precision, **_settings(choice, drive, pressure, rate, seed))
+    settings = _settings(choice, drive, pressure, rate, seed) | {
+        "duration_s": seconds,
+        "simulation_steps_per_sample": substeps,
+        "sensors": asdict(suite),
+    }
+    made_by = provenance("simulate", precision, **settings)
     summary = {**made_by, "results": results}
     write_drive(output_directory(out), record, vehicle, title, summary, choice.animate)
 
@@ -142,6 +148,14 @@ def _vehicle(choice: DriveChoice) -> FullVehicle:
     tire = read_tire(choice.tire)
     for warning in tire.warnings:
         messages.print(f"[yellow]note[/] {warning}", soft_wrap=True)
+    low, high = tire.load_range
+    loads = np.asarray(static_loads(vehicle))
+    if loads.min() < low or loads.max() > high:
+        messages.print(
+            f"[yellow]note[/] the corners carry {loads.min():.0f} to {loads.max():.0f} N at rest, "
+            f"the tyre's data hold from {low:.0f} to {high:.0f} N",
+            soft_wrap=True,
+        )
     return with_tire(vehicle, tire.magic_formula)
 
 
@@ -185,6 +199,5 @@ def _settings(
         "pressures_kPa": np.asarray(pressure.start) / 1e3,
         "end_pressures_kPa": np.asarray(pressure.end) / 1e3,
         "rate_Hz": rate,
-        "accelerometer": asdict(choice.sensor),
         "seed": seed,
     }

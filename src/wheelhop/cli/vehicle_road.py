@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from wheelhop.cli.session import console
 from wheelhop.errors import InputError, require_in_range
 from wheelhop.io.opencrg import read_opencrg
 from wheelhop.io.roads import read_road
@@ -20,7 +21,7 @@ from wheelhop.vehicle.road.build import (
     measured_tracks,
     random_tracks,
 )
-from wheelhop.vehicle.road.iso8608 import class_level
+from wheelhop.vehicle.road.iso8608 import level_of
 from wheelhop.vehicle.road.obstacles import Obstacle
 from wheelhop.vehicle.road.profile import Profile
 from wheelhop.vehicle.road.surface import RoadSurface
@@ -39,7 +40,7 @@ class RoadChoice:
     """What the options say of a road.
 
     Attributes:
-        road: `flat`, `iso:A` to `iso:H`, or a file.
+        road: `flat`, `iso:A` to `iso:H`, `iso:24e-6` for a level [m^3/rad], or a file.
         track: elevation column of a table, for both sides.
         reflect: continue a short road there and back again.
         waviness: of a random road [-].
@@ -90,7 +91,7 @@ def road_for(
     if random:
         waviness = 2.0 if choice.waviness is None else choice.waviness
         require_in_range("--waviness", waviness, 1.0, 4.0, "(no unit)")
-        level = class_level(choice.road[4:])
+        level = level_of(choice.road[4:])
         tracks: Any = random_tracks(key, level, length, lines_of(vehicle), waviness)
     elif measured:
         left, right = _profiles(Path(choice.road), choice.track, lines_of(vehicle))
@@ -120,7 +121,9 @@ def _profiles(
         sides = [n for side in ("left", "right") for n in columns if n.startswith(f"z_{side}")]
         if len(sides) == 2:
             return read_road(path, sides[0])[0], read_road(path, sides[1])[0]
-    return read_road(path, track)[0], None
+    profile, name = read_road(path, track)
+    console.print(f"road: column {name} under all four wheels")
+    return profile, None
 
 
 def _refuse(option: str, given: bool, fits: bool, remedy: str) -> None:

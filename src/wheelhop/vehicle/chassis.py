@@ -1,10 +1,11 @@
 """Rigid multibody dynamics of a body on four wheels that slide along its vertical axis.
 
-Ten second-order unknowns (the body's six, four wheel strokes) and four spins, exact: no small
-angles, no linearisation. The wheels' vertical accelerations follow from their own forces, the
-body's translation from the momentum of the whole, and a 3 x 3 system remains for the rotation.
-The degrees of freedom are those of Shim & Ghike 2007; Newton and Euler's equations are written
-out here for the body's frame.
+Ten second-order unknowns (the body's six, four wheel strokes) and four spins, without small angles
+or linearisation. Steering turns the tyres' forces and slips; the wheels' inertia and the reaction
+of drive and brake torques stay about the body's lateral axis, which a few degrees allow. The
+wheels' vertical accelerations follow from their own forces, the body's translation from the
+momentum of the whole, and a 3 x 3 system remains for the rotation. The degrees of freedom are
+those of Shim & Ghike 2007; Newton and Euler's equations are written out here for the body's frame.
 """
 
 from __future__ import annotations

@@ -53,8 +53,9 @@ def curve(x: Sequence[float], y: Sequence[float], end_slopes: Any = (None, None)
         raise InputError("curve", "a point is not a number", "Give finite points.")
     if np.any(np.diff(xs) <= 0):
         raise InputError("curve", f"abscissae {xs.tolist()}", "Sort them; none may repeat.")
-    slope = PchipInterpolator(xs, ys)(xs, 1) if len(xs) > 2 else np.full(2, np.ptp(ys) / np.ptp(xs))
-    if len(xs) == 2:
+    if len(xs) > 2:
+        slope = PchipInterpolator(xs, ys)(xs, 1)
+    else:
         slope = np.full(2, (ys[1] - ys[0]) / (xs[1] - xs[0]))
     for end, value in zip((0, -1), end_slopes, strict=True):
         slope[end] = slope[end] if value is None else value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -47,7 +48,9 @@ def lane_change(speed: float = 25.0, peak: float = 0.6 * 9.80665) -> Drive:
         speed: [m/s].
         peak: largest lateral acceleration of the path [m/s^2].
     """
-    return Drive(_maneuver.double_lane_change(speed, peak, begin=_START), 10.0)
+    plan = _maneuver.double_lane_change(speed, peak, begin=_START)
+    back = (2.0 * plan.path.length + plan.path.gap) / speed
+    return Drive(plan, max(8.0, float(math.ceil(_START + back + 3.0))))
 
 
 def sine_sweep(speed: float = 20.0 / 3.6, amplitude: float = 0.05) -> Drive:
@@ -74,7 +77,7 @@ def slope(speed: float = 30.0 / 3.6, gradient: float = 0.2) -> Drive:
     """
     require_in_range("slope.gradient", gradient, -0.35, 0.35, "(rise per run)")
     hill = Slope(start=2.0 * speed, gradient=gradient, transition=10.0)
-    return Drive(_maneuver.straight(speed), 8.0, (hill,))
+    return Drive(_maneuver.straight(speed), max(8.0, float(math.ceil(2.0 + 25.0 / speed))), (hill,))
 
 
 DRIVES: dict[str, Callable[..., Drive]] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from wheelhop.vehicle.full_vehicle import FullVehicle
 from wheelhop.vehicle.magic_formula_parameters import generic_passenger_tire
@@ -14,11 +15,12 @@ from wheelhop.vehicle.vehicle_design import (
     Axle,
     as_arrays,
     design,
+    static_loads,
     validate,
     with_payload,
     with_tire,
 )
-from wheelhop.vehicle.vertical_tire import linear_vertical_tire
+from wheelhop.vehicle.vertical_tire import linear_coefficient, linear_vertical_tire
 
 __all__ = [
     "CORNERS",
@@ -29,6 +31,7 @@ __all__ = [
     "bmw_e90",
     "commonroad_2",
     "design",
+    "static_loads",
     "suv",
     "validate",
     "with_payload",
@@ -36,7 +39,7 @@ __all__ = [
 ]
 
 
-def suv(anti_roll: bool = True) -> FullVehicle:
+def suv(anti_roll: bool = True, load_and_speed: bool = False) -> FullVehicle:
     """The segment-D SUV of Brancati & Tufano 2022, Table 1.
 
     What the table leaves open is ours: inertias in roll and pitch, a damper of ratio 0.3 that is
@@ -45,6 +48,9 @@ def suv(anti_roll: bool = True) -> FullVehicle:
 
     Args:
         anti_roll: with anti-roll bars.
+        load_and_speed: the tyre stiffens with load and speed (Q_FZ2 15.416, Q_V2 0.0466 of a
+            245/60R16 sample tyre) and has the table's stiffness at the rated load, standing;
+            otherwise it is linear, as the quarter car's.
     """
     t = BRANCATI_TABLE_1
     vertical = linear_vertical_tire(
@@ -55,6 +61,13 @@ def suv(anti_roll: bool = True) -> FullVehicle:
         rated_load=5000.0,
         damping=100.0,
     )
+    if load_and_speed:
+        vertical = replace(
+            vertical,
+            q_fz1=linear_coefficient(t.tire_stiffness, 15.416, 0.36, 5000.0),
+            q_fz2=15.416,
+            speed_coefficient=0.0466,
+        )
     unsprung = 2.0 * (t.front_unsprung_mass + t.rear_unsprung_mass)
     height = (
         (t.chassis_mass + unsprung) * t.center_of_mass_height - unsprung * 0.34
@@ -162,6 +175,7 @@ def commonroad_2() -> FullVehicle:
 
 VEHICLES: dict[str, Callable[[], FullVehicle]] = {
     "suv": suv,
+    "suv-load-speed": lambda: suv(load_and_speed=True),
     "bmw-e90": bmw_e90,
     "commonroad-2": commonroad_2,
 }

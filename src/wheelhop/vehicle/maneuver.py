@@ -13,6 +13,7 @@ from wheelhop.errors import require_in_range
 from wheelhop.vehicle.curve import Curve, value
 from wheelhop.vehicle.full_vehicle import Controls, FullVehicle, Surroundings, VehicleState
 
+# a driver of ours: speed within half a second, path at 1.6 rad/s and damping 0.8, 0.2 s ahead
 _SPEED_GAIN = 2.0
 _PATH_FREQUENCY = 1.6
 _PATH_DAMPING = 0.8

@@ -75,6 +75,8 @@ def validate(course: PressureCourse) -> PressureCourse:
             )
         for wheel, number in zip(("FL", "FR", "RL", "RR"), numbers, strict=True):
             require_in_range(f"pressure.{name} {wheel}", number, 20e3, 1.5e6, "Pa")
+    for number in jnp.ravel(jnp.asarray(course.warming)).tolist():
+        require_in_range("pressure.warming", number, -500e3, 500e3, "Pa")
     for name, low in (("duration", 1e-6), ("warming_time", 1e-6), ("begin", 0.0), ("decay", 0.0)):
         for number in jnp.ravel(jnp.asarray(getattr(course, name))).tolist():
             if not (math.isfinite(number) and number >= low):

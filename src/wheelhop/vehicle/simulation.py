@@ -105,6 +105,11 @@ def simulate_vehicle(
 ) -> tuple[VehicleState, Signals]:
     """Drive and record; pure, so it jits, maps over vehicles, roads and maneuvers, differentiates.
 
+    Compile it, its map or its derivative by `wheelhop.staging.staged_jit`, with every array an
+    argument: `staged_jit(jax.vmap(f, in_axes=(0, None)))(pressures, vehicle)`. Plain `jax.jit`
+    gives the same numbers, but takes minutes and gigabytes to compile a derivative. Many vehicles
+    drive fastest by `fleet.fleet_simulator`.
+
     Args:
         initial: state at time zero, as from `state_at_rest`.
         vehicle: parameters, as arrays (`as_arrays`).

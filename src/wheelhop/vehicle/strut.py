@@ -21,7 +21,8 @@ class Damper:
 
     Attributes:
         damping: c [Ns/m], slope at rest.
-        asymmetry: a [-] in (-1, 1); extension : compression = (1 + a) : (1 - a).
+        asymmetry: a [-], |a| <= 0.8 so that the force rises with speed everywhere;
+            extension : compression = (1 + a) : (1 - a).
         knee: w_b [m/s], width of the passage from one to the other.
         digression: d [s/m]; 0 for a damper that does not fade with speed.
         quadratic: c_2 [Ns^2/m^2] of a signed-quadratic part.
@@ -126,7 +127,7 @@ def validate(strut: Strut, bars: AntiRollBars) -> None:
         _require_all(f"strut.{name}", getattr(strut, name), low, high, unit)
     damper = (
         ("damping", 0.0, 1e5, "Ns/m"),
-        ("asymmetry", -0.95, 0.95, "(no unit)"),
+        ("asymmetry", -0.8, 0.8, "(no unit)"),
         ("knee", 1e-3, 10.0, "m/s"),
         ("digression", 0.0, 100.0, "s/m"),
         ("quadratic", 0.0, 1e5, "Ns^2/m^2"),

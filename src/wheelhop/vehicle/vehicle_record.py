@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from typing import Any
@@ -10,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from wheelhop.errors import DivergenceError, InputError, require_in_range
+from wheelhop.errors import DivergenceError, InputError, InputWarning, require_in_range
 from wheelhop.staging import native_jit, staged_jit
 from wheelhop.vehicle import sensors as _sensors
 from wheelhop.vehicle.equilibrium import require_rest, state_at_rest, static_equilibrium
@@ -24,6 +25,9 @@ from wheelhop.vehicle.record import CornerRecord
 from wheelhop.vehicle.road.surface import RoadSurface, road_under
 from wheelhop.vehicle.sensors import Sensor, measure
 from wheelhop.vehicle.simulation import RATE, SUBSTEPS, Signals, simulate_vehicle
+
+_SIDEWALL = 0.25
+_TOPPLED = 1.0
 
 LARGEST_SUBSTEP = 1e-3
 """Longest Runge-Kutta step [s] at which wheel hop, spins and stops are resolved."""
@@ -138,7 +142,7 @@ def drive_vehicle(
             over; says when.
     """
     _check(vehicle, maneuver, pressure, duration, rate, substeps)
-    around = Surroundings() if around is None else around
+    around = _checked_surroundings(Surroundings() if around is None else around)
     suite = validate_suite(SensorSuite() if suite is None else suite)
     vehicle, maneuver, pressure, around = (
         as_arrays(vehicle),
@@ -153,6 +157,7 @@ def drive_vehicle(
     truth = jax.tree.map(np.asarray, truth)
     t = np.arange(1, samples + 1) / rate
     _refuse_runaway(truth, t)
+    _warn_of_rims(truth, float(np.min(vehicle.tire.vertical.unloaded_radius)))
     columns, units = _measured(key, truth, float(vehicle.steering_ratio), suite, 1.0 / rate)
     return VehicleRecord(t, columns, truth, units)
 
@@ -253,9 +258,35 @@ def _check(
         )
 
 
+def _checked_surroundings(around: Surroundings) -> Surroundings:
+    for name, low, high, unit in (
+        ("grade", -0.5, 0.5, "rad"),
+        ("bank", -0.5, 0.5, "rad"),
+        ("friction", 0.01, 5.0, "(no unit)"),
+        ("air_density", 0.0, 10.0, "kg/m^3"),
+        ("gravity", 0.1, 30.0, "m/s^2"),
+    ):
+        for number in np.ravel(np.asarray(getattr(around, name))).tolist():
+            require_in_range(f"surroundings.{name}", number, low, high, unit)
+    return around
+
+
+def _warn_of_rims(truth: Signals, radius: float) -> None:
+    """The tyre's law knows no rim; say so where a real one would be on it."""
+    deepest = float(np.max(truth.tire_deflection))
+    if deepest > _SIDEWALL * radius:
+        warnings.warn(
+            InputWarning(
+                f"tyre deflection reaches {1e3 * deepest:.0f} mm, where most tyres of "
+                f"{1e3 * radius:.0f} mm are on their rims; the model has no rim"
+            ),
+            stacklevel=3,
+        )
+
+
 def _refuse_runaway(truth: Signals, t: np.ndarray) -> None:
     finite = np.isfinite(truth.a_z) & np.all(np.isfinite(truth.wheel_acceleration), axis=1)
-    upright = (np.abs(truth.roll) < 1.0) & (np.abs(truth.pitch) < 1.0)
+    upright = (np.abs(truth.roll) < _TOPPLED) & (np.abs(truth.pitch) < _TOPPLED)
     bad = np.flatnonzero(~(finite & upright))
     if bad.size:
         what = "rolls over" if finite[bad[0]] else "leaves the finite numbers"

@@ -23,6 +23,7 @@ from wheelhop.vehicle.vector import (
 )
 from wheelhop.vehicle.vertical_tire import VerticalTire, effective_radius, vertical_load
 
+# regularisation, ours: small against any motion of interest, slow enough for a step of 1 ms
 _REST_SPIN = 0.5
 _REST_SPEED = 2.0
 _BRAKE_RESPONSE = 5e-4
@@ -147,7 +148,17 @@ def wheel_pose(
 def contact_state(
     pose: WheelPose, elevation: Any, slope_x: Any, slope_y: Any, tire: WheelTire
 ) -> ContactState:
-    """Contact of wheels with the effective road plane under each, arguments [4, ...] in m and -."""
+    """Contact of wheels with the effective road plane under each.
+
+    The deflection rate follows from the plane's slope; under a tandem cam, whose slope is not the
+    derivative of its height, it is approximate (it meets the tyre's damping alone).
+
+    Args:
+        pose: of the wheels.
+        elevation: of the planes [m], [4, ...].
+        slope_x, slope_y: of the planes [-], [4, ...].
+        tire: the tyres.
+    """
     normal = normalise(Vector(-slope_x, -slope_y, jnp.ones_like(slope_x)))
     forward = normalise(cross(pose.axis, normal))
     left = cross(normal, forward)

@@ -22,9 +22,6 @@ SPACING = 0.025
 START = -10.0
 """x [m] of its first point; the car's centre of mass starts at 0."""
 
-HALF_LENGTHS = (0.05, 0.075, 0.1)
-"""Half-lengths of the contact patch [m] between which a road is interpolated."""
-
 
 def lines_of(vehicle: FullVehicle) -> tuple[float, float, float, float]:
     """Lateral positions y [m] of the wheels FL, FR, RL, RR of a vehicle."""
@@ -92,4 +89,4 @@ def build_surface(
     z = jnp.asarray(tracks, jnp.asarray(0.0).dtype)
     x = jnp.asarray(START + SPACING * np.arange(z.shape[1]), z.dtype)
     z = z + obstacle_tracks(obstacles, x).astype(z.dtype)
-    return surface_from_tracks(z, SPACING, START, Envelope(contact, HALF_LENGTHS))
+    return surface_from_tracks(z, SPACING, START, Envelope(contact))

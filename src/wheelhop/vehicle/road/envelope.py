@@ -15,8 +15,9 @@ from jaxtyping import Array, Float
 from wheelhop.errors import InputError
 
 KINDS = ("point", "moving_average", "tandem_cam")
-HALF_LENGTHS = (0.05, 0.08, 0.12)
-"""Half-lengths of the contact patch [m] of a passenger-car tyre, from lightly loaded to soft."""
+HALF_LENGTHS = (0.05, 0.09, 0.14)
+"""Half-lengths of the contact patch [m] of a passenger-car tyre, from lightly loaded (2 kN at
+250 kPa) to soft (12 kN at 130 kPa)."""
 
 
 @dataclass(frozen=True)

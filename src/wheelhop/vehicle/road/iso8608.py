@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from wheelhop.errors import InputError
+from wheelhop.errors import InputError, require_in_range
 
 REFERENCE_WAVENUMBER = 1.0
 """W0 [rad/m] at which a level is quoted."""
@@ -29,6 +29,20 @@ def class_level(road_class: str) -> float:
             "road class", f"{road_class!r} is not an ISO 8608 class", "Use one of A to H."
         )
     return _CENTER_A * 4.0 ** CLASSES.index(name)
+
+
+def level_of(name: str) -> float:
+    """Level Gd(W0) [m^3/rad] of a class letter, or given as a number in these units.
+
+    Raises:
+        InputError: if it is neither a class A to H nor a level of a road.
+    """
+    try:
+        level = float(name)
+    except ValueError:
+        return class_level(name)
+    require_in_range("road level", level, 1e-8, 0.1, "m^3/rad")
+    return level
 
 
 def class_of_level(level: float) -> str:
