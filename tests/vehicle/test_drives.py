@@ -24,10 +24,10 @@ def driven(plan, duration):
 
 @pytest.mark.parametrize(("speed", "peak"), [(90 / 3.6, 0.6), (120 / 3.6, 0.3)])
 def test_double_lane_changes_reach_their_acceleration_and_come_back(speed, peak):
-    """90 km/h up to 0.6 g, and 120 km/h; the driver follows the path's peak within a fifth."""
+    """90 km/h up to 0.6 g, and 120 km/h; the driver meets the path's peak within a quarter."""
     truth = driven(lane_change(speed, peak * G), 12.0)
     lateral = truth.speed * truth.yaw_rate
-    assert 0.85 * peak * G < np.abs(lateral).max() < 1.2 * peak * G
+    assert 0.85 * peak * G < np.abs(lateral).max() < 1.25 * peak * G
     assert truth.y.max() == pytest.approx(3.5, abs=0.6)
     assert abs(truth.y[-1]) < 0.3
     assert np.ptp(truth.speed) < 0.3

@@ -16,9 +16,10 @@ from wheelhop.cli.vehicle_road import CONTACTS, RoadChoice, road_for
 from wheelhop.errors import InputError, require_in_range
 from wheelhop.io.results import output_directory, require_writable
 from wheelhop.io.tires import read_tire
+from wheelhop.vehicle.chassis import corner_masses
 from wheelhop.vehicle.drives import DRIVES, Drive
 from wheelhop.vehicle.full_vehicle import FullVehicle
-from wheelhop.vehicle.full_vehicle_parameters import VEHICLES, static_loads, suv, with_tire
+from wheelhop.vehicle.full_vehicle_parameters import VEHICLES, suv, with_tire
 from wheelhop.vehicle.pressure_course import PressureCourse
 from wheelhop.vehicle.sensors import DATASHEET_ACCELEROMETER, Sensor
 from wheelhop.vehicle.sensors import validate as validate_sensor
@@ -149,7 +150,7 @@ def _vehicle(choice: DriveChoice) -> FullVehicle:
     for warning in tire.warnings:
         messages.print(f"[yellow]note[/] {warning}", soft_wrap=True)
     low, high = tire.load_range
-    loads = np.asarray(static_loads(vehicle))
+    loads = _GRAVITY * np.asarray(corner_masses(vehicle.chassis))
     if loads.min() < low or loads.max() > high:
         messages.print(
             f"[yellow]note[/] the corners carry {loads.min():.0f} to {loads.max():.0f} N at rest, "

@@ -118,6 +118,14 @@ def wheel_places(compression: Any, chassis: Chassis) -> Vector:
     return Vector(*jnp.broadcast_arrays(_like(x, z), _like(y, z), z))
 
 
+def corner_masses(chassis: Chassis) -> Any:
+    """Mass that each wheel of the level vehicle carries, its own included [kg], [4, ...]."""
+    c = chassis
+    arms = jnp.stack([c.rear_arm, c.rear_arm, c.front_arm, c.front_arm])
+    body = 0.5 * c.body_mass[None] * arms / (c.front_arm + c.rear_arm)[None]
+    return body + c.wheel_mass
+
+
 def point_acceleration(
     place: Vector, body: Vector, rotation_rate: Vector, rotation: Vector
 ) -> Vector:

@@ -173,14 +173,6 @@ def with_payload(vehicle: FullVehicle, mass: float) -> FullVehicle:
     return replace(vehicle, chassis=heavier)
 
 
-def static_loads(vehicle: FullVehicle) -> Any:
-    """Loads [N] of the level vehicle's tyres, [4], by its lever arms."""
-    c = vehicle.chassis
-    arms = jnp.stack([c.rear_arm, c.rear_arm, c.front_arm, c.front_arm])
-    body = 0.5 * c.body_mass * arms / (c.front_arm + c.rear_arm)
-    return GRAVITY * (body + c.wheel_mass)
-
-
 def with_tire(vehicle: FullVehicle, slip: MagicFormula) -> FullVehicle:
     """The same vehicle on tyres of another Magic Formula (as from a .tir file)."""
     four = replace(_four(slip), side=vehicle.tire.slip.side)

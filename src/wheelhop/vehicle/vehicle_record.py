@@ -156,8 +156,9 @@ def drive_vehicle(
     truth = _run(samples, float(rate), substeps)(start, vehicle, maneuver, road, pressure, around)
     truth = jax.tree.map(np.asarray, truth)
     t = np.arange(1, samples + 1) / rate
-    _refuse_runaway(truth, t)
-    _warn_of_rims(truth, float(np.min(vehicle.tire.vertical.unloaded_radius)))
+    radius = float(np.min(vehicle.tire.vertical.unloaded_radius))
+    _refuse_runaway(truth, t, radius)
+    _warn_of_rims(truth, radius)
     columns, units = _measured(key, truth, float(vehicle.steering_ratio), suite, 1.0 / rate)
     return VehicleRecord(t, columns, truth, units)
 
@@ -284,12 +285,15 @@ def _warn_of_rims(truth: Signals, radius: float) -> None:
         )
 
 
-def _refuse_runaway(truth: Signals, t: np.ndarray) -> None:
+def _refuse_runaway(truth: Signals, t: np.ndarray, radius: float) -> None:
     finite = np.isfinite(truth.a_z) & np.all(np.isfinite(truth.wheel_acceleration), axis=1)
     upright = (np.abs(truth.roll) < _TOPPLED) & (np.abs(truth.pitch) < _TOPPLED)
-    bad = np.flatnonzero(~(finite & upright))
+    above = np.all(truth.tire_deflection < radius, axis=1)
+    bad = np.flatnonzero(~(finite & upright & above))
     if bad.size:
-        what = "rolls over" if finite[bad[0]] else "leaves the finite numbers"
+        k = bad[0]
+        what = "rolls over" if not upright[k] else "sinks a wheel through the road"
+        what = what if finite[k] else "leaves the finite numbers"
         raise DivergenceError(
             f"the vehicle {what} at t = {t[bad[0]]:.4g} s; drive more gently, or raise the rate "
             "or the substeps"
