@@ -235,7 +235,7 @@ def show(console: Console, row: dict[str, Any]) -> None:
         "",
         "simulated s / s",
         "ours, a core / it",
-        "compile [s]",
+        r"compile \[s]",
         title=f"{row['precision']}, {row['runs']:,} vehicles",
     )
     for name, rate in sorted(rates.items(), key=lambda item: item[1]):
