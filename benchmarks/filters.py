@@ -194,7 +194,7 @@ def show(console: Console, row: dict[str, Any]) -> None:
         "steps/s",
         "ours, a core / it",
         "ours, all / it",
-        "compile [s]",
+        r"compile \[s]",
         title=f"{row['precision']}, {row['runs']:,} runs of {row['samples']} samples",
     )
     for name, rate in sorted(rates.items(), key=lambda item: item[1]):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from typing import Any
@@ -11,26 +10,24 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from wheelhop.errors import DivergenceError, InputError, InputWarning, require_in_range
+from wheelhop.errors import InputError
 from wheelhop.staging import native_jit, staged_jit
 from wheelhop.vehicle import sensors as _sensors
+from wheelhop.vehicle.drive_checks import (
+    check_drive,
+    checked_surroundings,
+    refuse_runaway,
+    warn_of_rims,
+)
 from wheelhop.vehicle.equilibrium import require_rest, state_at_rest, static_equilibrium
 from wheelhop.vehicle.full_vehicle import FullVehicle, Surroundings
 from wheelhop.vehicle.full_vehicle_parameters import CORNERS, as_arrays
-from wheelhop.vehicle.full_vehicle_parameters import validate as validate_vehicle
 from wheelhop.vehicle.maneuver import Maneuver
 from wheelhop.vehicle.pressure_course import PressureCourse, pressure_at
-from wheelhop.vehicle.pressure_course import validate as validate_pressure
 from wheelhop.vehicle.record import CornerRecord
 from wheelhop.vehicle.road.surface import RoadSurface, road_under
 from wheelhop.vehicle.sensors import Sensor, measure
 from wheelhop.vehicle.simulation import RATE, SUBSTEPS, Signals, simulate_vehicle
-
-_SIDEWALL = 0.25
-_TOPPLED = 1.0
-
-LARGEST_SUBSTEP = 1e-3
-"""Longest Runge-Kutta step [s] at which wheel hop, spins and stops are resolved."""
 
 
 @jax.tree_util.register_dataclass
@@ -141,8 +138,8 @@ def drive_vehicle(
         DivergenceError: if the vehicle finds no equilibrium, leaves the finite numbers or rolls
             over; says when.
     """
-    _check(vehicle, maneuver, pressure, duration, rate, substeps)
-    around = _checked_surroundings(Surroundings() if around is None else around)
+    check_drive(vehicle, maneuver, pressure, duration, rate, substeps)
+    around = checked_surroundings(Surroundings() if around is None else around)
     suite = validate_suite(SensorSuite() if suite is None else suite)
     vehicle, maneuver, pressure, around = (
         as_arrays(vehicle),
@@ -157,8 +154,8 @@ def drive_vehicle(
     truth = jax.tree.map(np.asarray, truth)
     t = np.arange(1, samples + 1) / rate
     radius = float(np.min(vehicle.tire.vertical.unloaded_radius))
-    _refuse_runaway(truth, t, radius)
-    _warn_of_rims(truth, radius)
+    refuse_runaway(truth, t, radius)
+    warn_of_rims(truth, radius)
     columns, units = _measured(key, truth, float(vehicle.steering_ratio), suite, 1.0 / rate)
     return VehicleRecord(t, columns, truth, units)
 
@@ -233,71 +230,6 @@ def _measured(
 
 
 _measure = jax.jit(measure)
-
-
-def _check(
-    vehicle: FullVehicle,
-    maneuver: Maneuver,
-    pressure: PressureCourse,
-    duration: float,
-    rate: float,
-    substeps: int,
-) -> None:
-    validate_vehicle(vehicle)
-    validate_pressure(pressure)
-    require_in_range("maneuver.speed", maneuver.speed, 0.0, 100.0, "m/s")
-    require_in_range("maneuver.brake.torque", maneuver.brake.torque, 0.0, 2e5, "Nm")
-    require_in_range("maneuver.brake.rise", maneuver.brake.rise, 1e-3, 60.0, "s")
-    require_in_range("duration", duration, 0.05, 3600.0, "s")
-    require_in_range("rate", rate, 50.0, 20e3, "Hz")
-    if substeps < 1 or 1.0 / (rate * substeps) > LARGEST_SUBSTEP:
-        raise InputError(
-            "substeps",
-            f"{substeps} at {rate:g} Hz make steps of {1e3 / (rate * max(substeps, 1)):.3g} ms",
-            f"Keep them below {1e3 * LARGEST_SUBSTEP:g} ms: use "
-            f"{max(1, int(np.ceil(1.0 / (rate * LARGEST_SUBSTEP))))} or more.",
-        )
-
-
-def _checked_surroundings(around: Surroundings) -> Surroundings:
-    for name, low, high, unit in (
-        ("grade", -0.5, 0.5, "rad"),
-        ("bank", -0.5, 0.5, "rad"),
-        ("friction", 0.01, 5.0, "(no unit)"),
-        ("air_density", 0.0, 10.0, "kg/m^3"),
-        ("gravity", 0.1, 30.0, "m/s^2"),
-    ):
-        for number in np.ravel(np.asarray(getattr(around, name))).tolist():
-            require_in_range(f"surroundings.{name}", number, low, high, unit)
-    return around
-
-
-def _warn_of_rims(truth: Signals, radius: float) -> None:
-    """The tyre's law knows no rim; say so where a real one would be on it."""
-    deepest = float(np.max(truth.tire_deflection))
-    if deepest > _SIDEWALL * radius:
-        warnings.warn(
-            InputWarning(
-                f"tyre deflection reaches {1e3 * deepest:.0f} mm, where most tyres of "
-                f"{1e3 * radius:.0f} mm are on their rims; the model has no rim"
-            ),
-            stacklevel=3,
-        )
-
-
-def _refuse_runaway(truth: Signals, t: np.ndarray, radius: float) -> None:
-    finite = np.isfinite(truth.a_z) & np.all(np.isfinite(truth.wheel_acceleration), axis=1)
-    upright = (np.abs(truth.roll) < _TOPPLED) & (np.abs(truth.pitch) < _TOPPLED)
-    above = np.all(truth.tire_deflection < radius, axis=1)
-    bad = np.flatnonzero(~(finite & upright & above))
-    if bad.size:
-        k = bad[0]
-        what = "rolls over" if not upright[k] else "sinks a wheel through the road"
-        what = what if finite[k] else "leaves the finite numbers"
-        raise DivergenceError(
-            f"the vehicle {what} at t = {t[bad[0]]:.4g} s; drive more gently, or raise the rate "
-            "or the substeps"
-        )
 
 
 def _arrays(tree: Any) -> Any:
