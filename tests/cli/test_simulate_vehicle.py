@@ -47,7 +47,10 @@ def test_a_lane_change_writes_everything_and_one_corner_is_estimated(work):
     found = summary(work / "drive")
     results, corners = found["results"], found["results"]["corners"]
     assert found["settings"]["pressures_kPa"] == [230.0, 230.0, 130.0, 230.0]
-    assert results["largest_a_y_m_per_s2"] == pytest.approx(0.3 * 9.81, rel=0.2)
+    # by the yaw rate: the accelerometer feels the rough road as well
+    cornering = results["largest_yaw_rate_rad_per_s"] * 60 / 3.6
+    assert cornering == pytest.approx(0.3 * 9.81, rel=0.1)
+    assert results["largest_a_y_m_per_s2"] > 0.95 * cornering
     assert results["distance_m"] == pytest.approx(60 / 3.6 * 4, rel=0.02)
     assert 9 < corners["RL"]["wheel_hop_Hz"] < corners["RR"]["wheel_hop_Hz"] - 0.5
     for name in ("vehicle.png", "animation.gif"):

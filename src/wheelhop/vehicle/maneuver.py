@@ -14,7 +14,6 @@ from wheelhop.vehicle.chassis import corner_masses
 from wheelhop.vehicle.curve import Curve, value
 from wheelhop.vehicle.full_vehicle import Controls, FullVehicle, Surroundings, VehicleState
 from wheelhop.vehicle.magic_formula import slip_stiffness
-from wheelhop.vehicle.vector import per_corner
 
 # a driver of ours: speed within half a second, path at 1.3 rad/s, critically damped, and a look
 # ahead that grows with speed as the car's lag does (0.2 s at 90 km/h)
@@ -23,6 +22,7 @@ _PATH_FREQUENCY = 1.3
 _PATH_DAMPING = 1.0
 _PREVIEW = 0.008
 _SLOWEST = 5.0
+_GRAVITY = 9.80665
 
 
 @jax.tree_util.register_dataclass
@@ -125,7 +125,7 @@ def controls_at(
     maneuver: Maneuver, t: Any, x: VehicleState, vehicle: FullVehicle, around: Surroundings
 ) -> Controls:
     """Wheel angles and torques at a time [s] and state."""
-    front = front_angle(maneuver, t, x, vehicle, around)
+    front = front_angle(maneuver, t, x, vehicle)
     none = jnp.zeros_like(front)
     held = 1.0 - _risen(t, maneuver.release, maneuver.brake.rise)
     drive = held * drive_torque(maneuver, x, vehicle, around)
@@ -137,9 +137,7 @@ def controls_at(
     )
 
 
-def front_angle(
-    maneuver: Maneuver, t: Any, x: VehicleState, vehicle: FullVehicle, around: Surroundings
-) -> Any:
+def front_angle(maneuver: Maneuver, t: Any, x: VehicleState, vehicle: FullVehicle) -> Any:
     """Angle of the front wheels [rad]: path curvature ahead, corrected by offset and heading."""
     wheelbase = vehicle.chassis.front_arm + vehicle.chassis.rear_arm
     y, slope, curvature = path_at(maneuver.path, x.x, x.x + _PREVIEW * x.v_x * x.v_x)
@@ -148,24 +146,23 @@ def front_angle(
     correction = _PATH_FREQUENCY**2 * (y - x.y) - 2.0 * _PATH_DAMPING * _PATH_FREQUENCY * drift
     curvature = curvature + maneuver.follow * correction / (speed * speed)
     # at a standstill there is nothing to correct
-    needed = wheelbase + understeer_gradient(vehicle, around) * speed * speed
+    needed = wheelbase + understeer_gradient(vehicle) * speed * speed
     angle = needed * curvature * jnp.tanh(jnp.maximum(x.v_x, 0.0))
     return angle if maneuver.steer is None else angle + value(maneuver.steer, t)
 
 
-def understeer_gradient(vehicle: FullVehicle, around: Surroundings) -> Any:
+def understeer_gradient(vehicle: FullVehicle) -> Any:
     """Steer that lateral acceleration asks for beyond the wheelbase's [rad/(m/s^2)].
 
-    K = m_f / C_f - m_r / C_r with the axles' masses and cornering stiffnesses at static loads.
+    K = m_f / C_f - m_r / C_r with the axles' masses and cornering stiffnesses at their loads on
+    level ground.
 
     Args:
         vehicle: parameters.
-        around: gravity and friction.
     """
     tire = vehicle.tire.slip
     mass = corner_masses(vehicle.chassis)
-    load = mass * per_corner(jnp.asarray(around.gravity), mass)
-    _, stiffness = slip_stiffness(load, vehicle.nominal_pressure, tire)
+    _, stiffness = slip_stiffness(_GRAVITY * mass, vehicle.nominal_pressure, tire)
     front = (mass[0] + mass[1]) / (stiffness[0] + stiffness[1])
     rear = (mass[2] + mass[3]) / (stiffness[2] + stiffness[3])
     return rear - front
