@@ -16,9 +16,9 @@ from wheelhop.vehicle.maneuver import (
     controls_at,
     double_lane_change,
     path_at,
-    smooth_rise,
     straight,
 )
+from wheelhop.vehicle.road.obstacles import smoothstep
 
 CAR = suv()
 
@@ -61,7 +61,7 @@ def test_brake_rises_once_to_its_torque_and_is_split():
     u = np.linspace(-0.5, 1.5, 9)
     expected = np.clip(u, 0, 1)
     expected = 6 * expected**5 - 15 * expected**4 + 10 * expected**3
-    np.testing.assert_allclose(smooth_rise(jnp.asarray(u)), expected, atol=1e-15)
+    np.testing.assert_allclose(smoothstep(jnp.asarray(u)), expected, atol=1e-15)
 
 
 def test_drive_torque_balances_drag_rolling_resistance_and_grade():

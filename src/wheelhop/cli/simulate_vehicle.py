@@ -18,8 +18,8 @@ from wheelhop.io.results import output_directory, require_writable
 from wheelhop.io.tires import read_tire
 from wheelhop.vehicle.chassis import corner_masses
 from wheelhop.vehicle.drives import DRIVES, Drive
-from wheelhop.vehicle.full_vehicle import FullVehicle
 from wheelhop.vehicle.full_vehicle_parameters import VEHICLES, suv, with_tire
+from wheelhop.vehicle.full_vehicle_state import STANDARD_GRAVITY, FullVehicle
 from wheelhop.vehicle.pressure_course import PressureCourse
 from wheelhop.vehicle.sensors import DATASHEET_ACCELEROMETER, Sensor
 from wheelhop.vehicle.sensors import validate as validate_sensor
@@ -27,7 +27,6 @@ from wheelhop.vehicle.vehicle_record import SensorSuite, drive_vehicle
 
 _RATE = 1000.0
 _LONGEST_STEP = 5e-4
-_GRAVITY = 9.80665
 
 
 @dataclass(frozen=True)
@@ -126,7 +125,7 @@ def _drive(choice: DriveChoice) -> tuple[Drive, float]:
                 "--peak", f"a {choice.maneuver} has none", "Use it with --maneuver lane-change."
             )
         require_in_range("--peak", choice.peak, 0.01, 2.0, "g")
-        options["peak"] = choice.peak * _GRAVITY
+        options["peak"] = choice.peak * STANDARD_GRAVITY
     if choice.speed is not None:
         require_in_range("--speed", choice.speed, 3.6, 360.0, "km/h")
         options["speed"] = choice.speed / 3.6
@@ -150,7 +149,7 @@ def _vehicle(choice: DriveChoice) -> FullVehicle:
     for warning in tire.warnings:
         messages.print(f"[yellow]note[/] {warning}", soft_wrap=True)
     low, high = tire.load_range
-    loads = _GRAVITY * np.asarray(corner_masses(vehicle.chassis))
+    loads = STANDARD_GRAVITY * np.asarray(corner_masses(vehicle.chassis))
     if loads.min() < low or loads.max() > high:
         messages.print(
             f"[yellow]note[/] the corners carry {loads.min():.0f} to {loads.max():.0f} N at rest, "

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from wheelhop.errors import require_in_range
 from wheelhop.vehicle import maneuver as _maneuver
+from wheelhop.vehicle.full_vehicle_state import STANDARD_GRAVITY
 from wheelhop.vehicle.maneuver import Maneuver
 from wheelhop.vehicle.road.obstacles import Obstacle, SineSweep, Slope
 
@@ -39,7 +40,7 @@ def brake_step(speed: float = 25.0, torque: float = 3000.0) -> Drive:
     return Drive(_maneuver.brake_step(speed, torque, _START), 5.0)
 
 
-def lane_change(speed: float = 25.0, peak: float = 0.6 * 9.80665) -> Drive:
+def lane_change(speed: float = 25.0, peak: float = 0.6 * STANDARD_GRAVITY) -> Drive:
     """Double lane change at constant speed.
 
     Filipozzi et al. 2021, Fig. 5b: 90 km/h, up to 0.6 g. Solmaz, Fig. 6: 120 km/h, mild.

@@ -11,7 +11,6 @@ from wheelhop.vehicle.parameters import BRANCATI_TABLE_1
 from wheelhop.vehicle.strut import Damper
 from wheelhop.vehicle.vehicle_design import (
     CORNERS,
-    GRAVITY,
     Axle,
     as_arrays,
     design,
@@ -23,7 +22,6 @@ from wheelhop.vehicle.vertical_tire import linear_coefficient, linear_vertical_t
 
 __all__ = [
     "CORNERS",
-    "GRAVITY",
     "VEHICLES",
     "Axle",
     "as_arrays",

@@ -13,6 +13,9 @@ from wheelhop.vehicle.strut import AntiRollBars, Strut
 from wheelhop.vehicle.vector import Vector
 from wheelhop.vehicle.wheel_contact import WheelTire
 
+STANDARD_GRAVITY = 9.80665
+"""[m/s^2]."""
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
@@ -59,7 +62,7 @@ class Surroundings:
     bank: Any = 0.0
     friction: Any = 1.0
     air_density: Any = 1.2
-    gravity: Any = 9.80665
+    gravity: Any = STANDARD_GRAVITY
 
 
 class VehicleState(NamedTuple):

@@ -13,7 +13,9 @@ from wheelhop.errors import require_in_range
 from wheelhop.vehicle.chassis import corner_masses
 from wheelhop.vehicle.curve import Curve, value
 from wheelhop.vehicle.full_vehicle import Controls, FullVehicle, Surroundings, VehicleState
+from wheelhop.vehicle.full_vehicle_state import STANDARD_GRAVITY
 from wheelhop.vehicle.magic_formula import slip_stiffness
+from wheelhop.vehicle.road.obstacles import smoothstep
 
 # a driver of ours: speed within half a second, path at 1.3 rad/s, critically damped, and a look
 # ahead that grows with speed as the car's lag does (0.2 s at 90 km/h)
@@ -22,7 +24,6 @@ _PATH_FREQUENCY = 1.3
 _PATH_DAMPING = 1.0
 _PREVIEW = 0.008
 _SLOWEST = 5.0
-_GRAVITY = 9.80665
 
 
 @jax.tree_util.register_dataclass
@@ -98,11 +99,14 @@ def brake_step(speed: float = 25.0, torque: float = 3000.0, begin: float = 1.0) 
 
 
 def double_lane_change(
-    speed: float = 25.0, peak: float = 0.6 * 9.80665, offset: float = 3.5, begin: float = 1.0
+    speed: float = 25.0,
+    peak: float = 0.6 * STANDARD_GRAVITY,
+    offset: float = 3.5,
+    begin: float = 1.0,
 ) -> Maneuver:
     """Into the left lane and back at constant speed.
 
-    The car follows with a lag, so its own peak differs: within 5 % at 90 km/h, a quarter above
+    The car follows with a lag, so its own peak differs: within 5 % at 90 km/h, a fifth above
     it at 120 km/h.
 
     On a sine arc y = w (u - sin(2 pi u) / (2 pi)), u = x / L, the lateral acceleration of the path
@@ -162,7 +166,7 @@ def understeer_gradient(vehicle: FullVehicle) -> Any:
     """
     tire = vehicle.tire.slip
     mass = corner_masses(vehicle.chassis)
-    _, stiffness = slip_stiffness(_GRAVITY * mass, vehicle.nominal_pressure, tire)
+    _, stiffness = slip_stiffness(STANDARD_GRAVITY * mass, vehicle.nominal_pressure, tire)
     front = (mass[0] + mass[1]) / (stiffness[0] + stiffness[1])
     rear = (mass[2] + mass[3]) / (stiffness[2] + stiffness[3])
     return rear - front
@@ -198,15 +202,9 @@ def drive_torque(
     return radius * (wanted + resistance + rolling * jnp.tanh(x.v_x))
 
 
-def smooth_rise(u: Any) -> Any:
-    """0 below u = 0, 1 above u = 1, twice differentiable in between."""
-    u = jnp.clip(u, 0.0, 1.0)
-    return u * u * u * (10.0 - 15.0 * u + 6.0 * u * u)
-
-
 def _risen(t: Any, begin: Any, rise: Any) -> Any:
     # bounded before the division: an infinite or instant beginning has finite derivatives too
-    return smooth_rise(jnp.maximum(t - begin, 0.0) / jnp.maximum(rise, 1e-6))
+    return smoothstep(jnp.maximum(t - begin, 0.0) / jnp.maximum(rise, 1e-6))
 
 
 def _arc(u: Any) -> tuple[Any, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from wheelhop.errors import InputError, require_in_range
 from wheelhop.vehicle.chassis import Chassis
-from wheelhop.vehicle.full_vehicle import FullVehicle
+from wheelhop.vehicle.full_vehicle_state import STANDARD_GRAVITY, FullVehicle
 from wheelhop.vehicle.magic_formula_parameters import MagicFormula
 from wheelhop.vehicle.magic_formula_parameters import validate as validate_slip
 from wheelhop.vehicle.strut import AntiRollBars, Damper, Strut, default_stop
@@ -20,8 +20,6 @@ from wheelhop.vehicle.strut import validate as validate_strut
 from wheelhop.vehicle.vertical_tire import VerticalTire, deflection_at_load
 from wheelhop.vehicle.vertical_tire import validate as validate_vertical
 from wheelhop.vehicle.wheel_contact import WheelTire
-
-GRAVITY = 9.80665
 
 CORNERS = ("FL", "FR", "RL", "RR")
 
@@ -103,9 +101,9 @@ def design(
         a, b = float(getattr(front.damper, field)), float(getattr(rear.damper, field))
         return jnp.asarray([a, a, b, b], float)
 
-    preload = body_mass * GRAVITY * share
+    preload = body_mass * STANDARD_GRAVITY * share
     wheel_mass = np.array([front.unsprung_mass] * 2 + [rear.unsprung_mass] * 2)
-    load = jnp.asarray(preload + wheel_mass * GRAVITY, float)
+    load = jnp.asarray(preload + wheel_mass * STANDARD_GRAVITY, float)
     tires = _four(vertical)
     deflection = deflection_at_load(load, jnp.zeros(4), tires.nominal_pressure, tires)
     side = jnp.asarray([1.0, -1.0, 1.0, -1.0])
