@@ -14,7 +14,11 @@ from scipy.special import gamma, kv
 
 from wheelhop.errors import InputError
 from wheelhop.vehicle.road.iso8608 import displacement_psd_cycles
-from wheelhop.vehicle.road.synthesis import HIGHEST_FREQUENCY, LOWEST_FREQUENCY
+from wheelhop.vehicle.road.synthesis import (
+    HIGHEST_FREQUENCY,
+    LOWEST_FREQUENCY,
+    points_and_step,
+)
 
 
 @jax.tree_util.register_dataclass
@@ -87,16 +91,8 @@ def prepare_isotropic(
         InputError: if length, spacing and band do not hold a single frequency, or for a
             waviness that is no road's.
     """
-    points = round(length / spacing)
+    points, step = points_and_step(length, spacing, band)
     low, high = band
-    step = 1.0 / (points * spacing) if points > 0 else float("inf")
-    if points < 4 or step > min(high, 0.5 / spacing):
-        raise InputError(
-            "length",
-            f"{length:g} m at a spacing of {spacing:g} m holds no wave between {low:g} and "
-            f"{high:g} cycles/m",
-            "Give a longer road or a finer spacing.",
-        )
     n = step * np.arange(points // 2 + 1)
     inside = (n >= low) & (n <= high) & (n < 0.5 / spacing)
     y = np.asarray(lateral_positions, float)

@@ -16,6 +16,30 @@ HIGHEST_FREQUENCY = 10.0
 """Band [cycles/m] of a synthesised road; Brancati & Tufano 2022, section 2.1."""
 
 
+def points_and_step(length: float, spacing: float, band: tuple[float, float]) -> tuple[int, float]:
+    """Number of points of a synthesised road and the step of its spectrum [cycles/m].
+
+    Args:
+        length: of the road [m].
+        spacing: of the points [m].
+        band: lowest and highest spatial frequency [cycles/m].
+
+    Raises:
+        InputError: if they do not hold a single frequency.
+    """
+    points = round(length / spacing)
+    low, high = band
+    step = 1.0 / (points * spacing) if points > 0 else float("inf")
+    if points < 4 or step > min(high, 0.5 / spacing):
+        raise InputError(
+            "length",
+            f"{length:g} m at a spacing of {spacing:g} m holds no wave between {low:g} and "
+            f"{high:g} cycles/m",
+            "Give a longer road or a finer spacing.",
+        )
+    return points, step
+
+
 def synthesise(
     key: Array,
     length: float,
@@ -44,16 +68,8 @@ def synthesise(
     Raises:
         InputError: if length, spacing and band do not hold a single frequency.
     """
-    points = round(length / spacing)
+    points, step = points_and_step(length, spacing, band)
     low, high = band
-    step = 1.0 / (points * spacing) if points > 0 else float("inf")
-    if points < 4 or step > min(high, 0.5 / spacing):
-        raise InputError(
-            "length",
-            f"{length:g} m at a spacing of {spacing:g} m holds no wave between {low:g} and "
-            f"{high:g} cycles/m",
-            "Give a longer road or a finer spacing.",
-        )
     frequency = step * jnp.arange(points // 2 + 1, dtype=float)
     inside = (frequency >= low) & (frequency <= high) & (frequency < 0.5 / spacing)
     density = displacement_psd_cycles(jnp.where(inside, frequency, 1.0), level, waviness)
