@@ -123,7 +123,7 @@ def corner_model(substeps: int = 1) -> StateSpaceModel:
         stiffness = jnp.exp(x.ln_k_t)
 
         def step(motion: RelativeState, _: None) -> tuple[RelativeState, None]:
-            return relative_step(motion, stiffness, 0.0, params.dt / substeps, params.car), None
+            return relative_step(motion, stiffness, None, params.dt / substeps, params.car), None
 
         if substeps == 1:
             moving, _ = step(moving, None)

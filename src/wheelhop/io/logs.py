@@ -15,9 +15,16 @@ from wheelhop.io.units import to_si
 from wheelhop.vehicle.record import CornerRecord, checked_record
 
 REQUIRED = {"t": "time", "a_s": "acceleration", "a_u": "acceleration", "v": "speed"}
-OPTIONAL = {"pressure": "pressure"}
+OPTIONAL = {"pressure": "pressure", "elevation": "length"}
 
-LOG_UNITS = {"t": "s", "a_s": "m/s^2", "a_u": "m/s^2", "v": "m/s", "pressure": "Pa"}
+LOG_UNITS = {
+    "t": "s",
+    "a_s": "m/s^2",
+    "a_u": "m/s^2",
+    "v": "m/s",
+    "pressure": "Pa",
+    "elevation": "m",
+}
 
 
 def read_log(
@@ -25,8 +32,8 @@ def read_log(
 ) -> CornerRecord:
     """Read, convert and check a log.
 
-    Columns t, a_s, a_u, v are required; `pressure`, the true one, is optional. Units stand in
-    the header (`a_s [m/s^2]`) or in a TOML file with `[units]` and, where the log names its
+    Columns t, a_s, a_u, v are required; `pressure`, the true one, and `elevation` of the road
+    under the wheel are optional. Units stand in the header (`a_s [m/s^2]`) or in a TOML file with `[units]` and, where the log names its
     columns otherwise, `[columns]`; LOG.toml beside the log is read by itself. In a log of several
     corners the columns end in the corner's name, `a_s_FL`; one is read.
 
@@ -55,8 +62,9 @@ def read_log(
 def write_log(path: Path, record: CornerRecord) -> Path:
     """Write a record as a log that `read_log` reads, with its units declared."""
     columns: dict[str, Any] = {"t": record.t, "a_s": record.a_s, "a_u": record.a_u, "v": record.v}
-    if record.pressure is not None:
-        columns["pressure"] = record.pressure
+    for name in OPTIONAL:
+        if getattr(record, name) is not None:
+            columns[name] = getattr(record, name)
     return write_table(path, columns, LOG_UNITS)
 
 
@@ -81,7 +89,7 @@ def _columns_of_corner(table: Table, corner: str | None, names: dict[str, str]) 
         )
     return {
         field: f"{field}_{corner}"
-        for field in ("a_s", "a_u", "pressure")
+        for field in ("a_s", "a_u", *OPTIONAL)
         if f"{field}_{corner}" in present
     }
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from wheelhop.io.logs import OPTIONAL
 from wheelhop.io.results import write_table
 from wheelhop.vehicle.full_vehicle_parameters import CORNERS
 from wheelhop.vehicle.vehicle_record import VehicleRecord
@@ -50,8 +51,8 @@ TRUTH_UNITS = {
 def write_vehicle_log(path: Path, record: VehicleRecord) -> Path:
     """Write a record with its units declared; `read_log` reads one corner of it.
 
-    Measured columns keep their names (`a_s_FL`), the true pressures are `pressure_FL`, all other
-    truth is `true_load_FL`, `true_roll` and so on.
+    Measured columns keep their names (`a_s_FL`), the true pressures are `pressure_FL`, the road is
+    `elevation_FL`, all other truth is `true_load_FL`, `true_roll` and so on.
 
     Args:
         path: .parquet or .csv file.
@@ -70,7 +71,7 @@ def vehicle_columns(record: VehicleRecord) -> tuple[dict[str, Any], dict[str, st
     units = {"t": "s", **record.units}
     for name, unit in TRUTH_UNITS.items():
         values = np.asarray(getattr(record.truth, name))
-        prefix = name if name == "pressure" else f"true_{name}"
+        prefix = name if name in OPTIONAL else f"true_{name}"
         if values.ndim == 1:
             columns[prefix], units[prefix] = values, unit
             continue

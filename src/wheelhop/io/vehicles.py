@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,10 @@ _SECTIONS = {
         "stiffness": "N/m at the nominal pressure",
         "nominal_pressure": "Pa",
         "pressure_coefficient": "p_Fz1, relative stiffness per relative pressure",
+        "damping": "Ns/m",
     },
 }
+_DEFAULTS = {("tire", "damping"): 0.0}
 
 
 def read_vehicle(path: Path) -> QuarterCar:
@@ -51,13 +54,26 @@ def read_vehicle(path: Path) -> QuarterCar:
     )
 
 
-def write_vehicle(path: Path, car: QuarterCar, comment: str = "") -> Path:
-    """Write a quarter car as TOML that `read_vehicle` reads, every line with its unit."""
+def write_vehicle(
+    path: Path, car: QuarterCar, comment: str = "", notes: Mapping[str, str] | None = None
+) -> Path:
+    """Write a quarter car as TOML that `read_vehicle` reads, every line with its unit.
+
+    Args:
+        path: of the file.
+        car: parameters.
+        comment: lines above the first section.
+        notes: to put behind the unit of a parameter, by its name (`suspension.damping`).
+    """
+    notes = {} if notes is None else notes
     parts: dict[str, Any] = {"quarter_car": car, "suspension": car.suspension, "tire": car.tire}
     lines = [f"# {line}" for line in comment.splitlines()]
     for section, keys in _SECTIONS.items():
         lines += ["", f"[{section}]"]
-        lines += [f"{k} = {float(getattr(parts[section], k))!r}  # {u}" for k, u in keys.items()]
+        for key, unit in keys.items():
+            note = notes.get(f"{section}.{key}", "")
+            number = float(getattr(parts[section], key))
+            lines.append(f"{key} = {number!r}  # {unit}{'; ' if note else ''}{note}")
     text = "\n".join(lines).lstrip() + "\n"
     return write_atomically(Path(path), lambda p: p.write_text(text, encoding="utf-8"))
 
@@ -72,6 +88,7 @@ def _section(path: Path, content: dict[str, Any], section: str) -> dict[str, flo
             raise InputError(
                 f"{path} [{section}]", f"{key!r} is unknown", f"Use {', '.join(expected)}."
             )
+    found = {k: v for (s, k), v in _DEFAULTS.items() if s == section} | found
     for key, unit in expected.items():
         if key not in found:
             raise InputError(f"{section}.{key}", f"{path} lacks it", f"Add it in {unit}.")

@@ -54,25 +54,35 @@ class Simulation(NamedTuple):
     accelerations: Accelerations
 
 
-def accelerations(x: Any, stiffness: Any, car: QuarterCar) -> Accelerations:
+def accelerations(
+    x: Any, stiffness: Any, car: QuarterCar, road_velocity: Any = None
+) -> Accelerations:
     """Body and wheel acceleration of a state that has the fields of `RelativeState`.
 
     Args:
         x: state, entries of any one shape.
         stiffness: tyre stiffness k_t [N/m].
         car: parameters.
+        road_velocity: z_r' [m/s], which the tyre's damper feels; None leaves that damper out.
     """
     force = suspension_force(x.deflection, x.v_s - x.v_u, car.suspension)
     tyre = stiffness * x.tyre_deflection
+    if road_velocity is not None:
+        tyre = tyre + car.tire.damping * (x.v_u - road_velocity)
     return Accelerations(-force / car.sprung_mass, (force - tyre) / car.unsprung_mass)
 
 
 def relative_derivative(
     x: Any, stiffness: Any, road_velocity: Any, car: QuarterCar
 ) -> RelativeState:
-    """Time derivative of the relative state on a road rising at `road_velocity` [m/s]."""
-    a = accelerations(x, stiffness, car)
-    return RelativeState(x.v_s - x.v_u, x.v_u - road_velocity, a.a_s, a.a_u)
+    """Time derivative of the relative state on a road rising at `road_velocity` [m/s].
+
+    None instead of a velocity: the road is level here (a filter's process noise moves it), and
+    the tyre's damper is left out.
+    """
+    a = accelerations(x, stiffness, car, road_velocity)
+    gap = x.v_u if road_velocity is None else x.v_u - road_velocity
+    return RelativeState(x.v_s - x.v_u, gap, a.a_s, a.a_u)
 
 
 def absolute_derivative(
@@ -130,7 +140,7 @@ def relative_step(
     car: QuarterCar,
     method: str = "rk4",
 ) -> RelativeState:
-    """Relative state a time dt [s] later, at constant road velocity and stiffness."""
+    """Relative state a time dt [s] later, at constant stiffness and road velocity (or None)."""
     step = integrator(method)
     return step(lambda s: relative_derivative(s, stiffness, road_velocity, car), x, dt)
 
@@ -169,6 +179,6 @@ def simulate(
             return rk4(lambda z: relative_derivative(z, k_t, rise / fine, car), s, fine), None
 
         x, _ = jax.lax.scan(substep, x, rises)
-        return x, Simulation(x, accelerations(x, k_t, car))
+        return x, Simulation(x, accelerations(x, k_t, car, rises[-1] / fine))
 
     return jax.lax.scan(sample, initial, (stiffness, road_rise))[1]

@@ -37,6 +37,7 @@ class CornerRecord:
         a_u: vertical acceleration of the wheel carrier [m/s^2].
         v: vehicle speed [m/s].
         pressure: true tyre pressure [Pa] where it is known (simulation, calibration), or None.
+        elevation: of the road under the wheel [m] where it was measured or simulated, or None.
     """
 
     t: np.ndarray
@@ -44,6 +45,7 @@ class CornerRecord:
     a_u: np.ndarray
     v: np.ndarray
     pressure: np.ndarray | None = None
+    elevation: np.ndarray | None = None
 
     @property
     def dt(self) -> float:
@@ -141,6 +143,7 @@ def _on_uniform_grid(record: CornerRecord) -> CornerRecord:
         a_u=spread(record.a_u),
         v=np.interp(uniform, t[known], record.v[known]),
         pressure=None if record.pressure is None else spread(record.pressure),
+        elevation=None if record.elevation is None else spread(record.elevation),
     )
 
 

@@ -143,8 +143,14 @@ def drive(
         key, car, start, jnp.asarray(p, rise.dtype), rise, 1.0 / rate, sensors
     )
     _refuse_runaway(simulation, t)
+    elevation = np.cumsum(np.sum(np.asarray(road_rise, float), axis=1))
     record = CornerRecord(
-        t, np.asarray(ys.a_s, float), np.asarray(ys.a_u, float), np.full(len(t), float(speed)), p
+        t,
+        np.asarray(ys.a_s, float),
+        np.asarray(ys.a_u, float),
+        np.full(len(t), float(speed)),
+        p,
+        elevation,
     )
     return record, jax.tree.map(np.asarray, simulation)
 

@@ -20,11 +20,14 @@ class Tire:
         nominal_pressure: p_0 [Pa], gauge.
         pressure_coefficient: p_Fz1 [-], relative change of stiffness per relative change of
             pressure.
+        damping: c_t [Ns/m] of a damper beside the spring; estimators on an unknown road leave it
+            out.
     """
 
     stiffness: Any
     nominal_pressure: Any
     pressure_coefficient: Any
+    damping: Any = 0.0
 
 
 def stiffness_from_pressure(pressure: Any, tire: Tire) -> Any:
@@ -56,6 +59,7 @@ def validate(tire: Tire) -> Tire:
     require_in_range("tire.stiffness", tire.stiffness, 2e4, 3e6, "N/m")
     require_in_range("tire.nominal_pressure", tire.nominal_pressure, 5e4, 1.5e6, "Pa")
     require_in_range("tire.pressure_coefficient", tire.pressure_coefficient, 0.05, 1.2, "(no unit)")
+    require_in_range("tire.damping", tire.damping, 0.0, 1e4, "Ns/m")
     return tire
 
 

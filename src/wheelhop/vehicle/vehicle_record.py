@@ -104,7 +104,8 @@ class VehicleRecord:
         k = CORNERS.index(name)
         m = self.measured
         pressure = np.asarray(self.truth.pressure[:, k])
-        return CornerRecord(self.t, m[f"a_s_{name}"], m[f"a_u_{name}"], m["v"], pressure)
+        elevation = np.asarray(self.truth.elevation[:, k])
+        return CornerRecord(self.t, m[f"a_s_{name}"], m[f"a_u_{name}"], m["v"], pressure, elevation)
 
 
 def drive_vehicle(

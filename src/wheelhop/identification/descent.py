@@ -1,0 +1,255 @@
+"""Descent from many starts: Adam to get near, then L-BFGS on whitened coordinates (optax)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from jax.custom_batching import custom_vmap
+
+from wheelhop.identification.objective import Evaluation, Task, evaluate, losses
+from wheelhop.identification.parameters import SearchSpace
+from wheelhop.staging import staged_jit
+
+_FLATTEST = 1e-10
+_LINE_STEPS = 8
+
+
+class Settings(NamedTuple):
+    """Of a descent.
+
+    Attributes:
+        warm_up: Adam iterations.
+        learning_rate: of Adam, in free numbers.
+        iterations: most L-BFGS iterations.
+        refresh: L-BFGS iterations after which the coordinates are whitened anew.
+        tolerance: a start has converged where the quadratic model promises a smaller decrease,
+            relative to its loss.
+        memory: of L-BFGS.
+    """
+
+    warm_up: int = 10
+    learning_rate: float = 0.15
+    iterations: int = 40
+    refresh: int = 6
+    tolerance: float = 1e-8
+    memory: int = 8
+
+
+class Descended(NamedTuple):
+    """Where the starts ended.
+
+    Attributes:
+        free: free numbers, [starts, n].
+        loss: J, [starts].
+        converged: whether the loss had stopped to fall, [starts].
+        history: J after each iteration, [iterations, starts].
+        seconds: since the beginning, [iterations].
+        evaluations: simulations of all records by then, of all starts, [iterations].
+        warm_up: how many of the iterations are Adam's.
+    """
+
+    free: np.ndarray
+    loss: np.ndarray
+    converged: np.ndarray
+    history: np.ndarray
+    seconds: np.ndarray
+    evaluations: np.ndarray
+    warm_up: int
+
+
+OnProgress = Callable[[int, int, float], None]
+"""Called with iterations done, iterations at most, and the best loss so far."""
+
+
+def descend(
+    starts: np.ndarray,
+    task: Task,
+    space: SearchSpace,
+    substeps: int,
+    mode: str,
+    settings: Settings = Settings(),
+    on_progress: OnProgress | None = None,
+) -> Descended:
+    """Descend from all starts together.
+
+    In whitened coordinates z, theta = theta_0 + W z with W W^T the inverse of the Gauss-Newton
+    matrix at theta_0, the loss is nearly |z|^2, whatever the parameters' scales and correlations.
+
+    Args:
+        starts: free numbers, [starts, n].
+        task: what candidates are judged by.
+        space: the fitted parameters.
+        substeps: Runge-Kutta steps per sampling interval.
+        mode: of the gradient, "forward" or "reverse".
+        settings: of the descent.
+        on_progress: told after every iteration.
+    """
+    log = _Log(settings.warm_up + settings.iterations, len(starts), on_progress)
+    derive, climb = _compiled(space, substeps, mode, settings.memory)
+    free = jnp.asarray(starts, task.weight.dtype)
+    free, best = _warm_up(free, derive, task, settings, log)
+
+    tolerance = max(settings.tolerance, 20 * float(jnp.finfo(free.dtype).eps))
+    converged = np.zeros(len(starts), bool)
+    done = 0
+    while done < settings.iterations and not converged.all():
+        if mode == "reverse":
+            best = best._replace(normal=_normal(space, substeps)(free, task))
+            log.count(len(starts))
+        whitening = _whitening_of(best.normal)
+        center, z = free, jnp.zeros_like(free)
+        state = jax.vmap(_solver(settings.memory).init)(z)
+        for _ in range(min(settings.refresh, settings.iterations - done)):
+            z, state, loss, promised, trials = climb(z, state, center, whitening, task)
+            done += 1
+            log.add(np.asarray(loss), len(starts) * (1 + int(np.max(trials))))
+            converged = _promises_nothing(promised, loss, tolerance)
+            if converged.all():
+                break
+        new = _moved(center, whitening, z)
+        found = derive(new, task)
+        log.add(np.asarray(found.loss), len(starts))
+        better = np.asarray(found.loss <= best.loss)
+        free, best = _chosen(better, (new, found), (free, best))
+        # a start whose round brought nothing cannot do better
+        converged |= ~better
+    return Descended(
+        np.asarray(free),
+        np.asarray(best.loss),
+        converged,
+        np.array(log.losses),
+        np.array(log.seconds),
+        np.array(log.evaluations),
+        settings.warm_up,
+    )
+
+
+class _Log:
+    """What happened, for the history and the progress bar."""
+
+    def __init__(self, most: int, starts: int, on_progress: OnProgress | None):
+        self.most, self.on_progress = most, on_progress
+        self.best = np.full(starts, np.inf)
+        self.losses: list[np.ndarray] = []
+        self.seconds: list[float] = []
+        self.evaluations: list[int] = []
+        self._begin, self._count = time.perf_counter(), 0
+
+    def count(self, evaluations: int) -> None:
+        self._count += evaluations
+
+    def add(self, losses: np.ndarray, evaluations: int) -> None:
+        self.best = np.minimum(self.best, losses)
+        self.count(evaluations)
+        self.losses.append(self.best)
+        self.seconds.append(time.perf_counter() - self._begin)
+        self.evaluations.append(self._count)
+        if self.on_progress is not None:
+            self.on_progress(len(self.losses), self.most, float(self.best.min()))
+
+
+def _warm_up(
+    free: Any, derive: Callable[..., Evaluation], task: Task, settings: Settings, log: _Log
+) -> tuple[Any, Evaluation]:
+    """Adam from every start; returns each start's best place and what is known there."""
+    adam = optax.adam(settings.learning_rate)
+    state = adam.init(free)
+    best = derive(free, task)
+    place = free
+    log.add(np.asarray(best.loss), len(free))
+    found = best
+    for _ in range(settings.warm_up):
+        # every start's own scale: losses of different starts differ by decades
+        slope = found.gradient / jnp.maximum(found.loss, 1e-30)[:, None]
+        updates, state = adam.update(slope, state)
+        free = optax.apply_updates(free, updates)
+        found = derive(free, task)
+        better = found.loss < best.loss
+        place, best = _chosen(better, (free, found), (place, best))
+        log.add(np.asarray(found.loss), len(free))
+    return place, best
+
+
+@lru_cache(maxsize=16)
+def _solver(memory: int) -> optax.GradientTransformationExtraArgs:
+    search = optax.scale_by_backtracking_linesearch(
+        _LINE_STEPS, decrease_factor=0.4, increase_factor=4.0, max_learning_rate=1.0
+    )
+    return optax.lbfgs(memory_size=memory, linesearch=search)
+
+
+@lru_cache(maxsize=16)
+def _compiled(space: SearchSpace, substeps: int, mode: str, memory: int) -> tuple[Any, Any]:
+    """Loss and derivatives of all starts; one L-BFGS iteration of all starts."""
+    solver = _solver(memory)
+
+    def derive(free: Any, task: Task) -> Evaluation:
+        return evaluate(free, task, space, substeps, mode)
+
+    @custom_vmap
+    def value(free: Any, task: Task) -> Any:
+        return losses(free[None], task, space, substeps)[0]
+
+    @value.def_vmap
+    def _values(size: int, batched: Any, free: Any, task: Task) -> tuple[Any, bool]:
+        del size, batched
+        return losses(free, task, space, substeps), True
+
+    def iterate(z: Any, state: Any, center: Any, whitening: Any, task: Task) -> Any:
+        found = derive(_moved(center, whitening, z), task)
+        slope = jnp.einsum("sij,si->sj", whitening, found.gradient)
+
+        def one(z: Any, state: Any, slope: Any, loss: Any, center: Any, whitening: Any) -> Any:
+            def along(z: Any) -> Any:
+                return value(center + whitening @ z, task)
+
+            updates, state = solver.update(slope, state, z, value=loss, grad=slope, value_fn=along)
+            return optax.apply_updates(z, updates), state
+
+        z, state = jax.vmap(one)(z, state, slope, found.loss, center, whitening)
+        promised = 0.25 * jnp.sum(slope * slope, axis=1)
+        return z, state, found.loss, promised, state[-1].info.num_linesearch_steps
+
+    return staged_jit(derive), staged_jit(iterate)
+
+
+@lru_cache(maxsize=16)
+def _normal(space: SearchSpace, substeps: int) -> Any:
+    return staged_jit(lambda free, task: evaluate(free, task, space, substeps).normal)
+
+
+def _moved(center: Any, whitening: Any, z: Any) -> Any:
+    return center + jnp.einsum("sij,sj->si", whitening, z)
+
+
+def _promises_nothing(promised: Any, loss: Any, tolerance: float) -> np.ndarray:
+    """Where |slope|^2 / 4, what the quadratic model J + slope z + |z|^2 promises, is next to none.
+
+    A loss at the rounding of its own sums is as good as zero.
+    """
+    loss = np.asarray(loss)
+    rounding = 10 * float(np.finfo(loss.dtype).eps) ** 2
+    return (np.asarray(promised) <= tolerance * loss) | (loss <= rounding)
+
+
+def _chosen(mask: Any, new: Any, old: Any) -> Any:
+    """Start by start, the new where the mask says so."""
+    mask = jnp.asarray(mask)
+    return jax.tree.map(
+        lambda a, b: jnp.where(mask.reshape((-1,) + (1,) * (a.ndim - 1)), a, b), new, old
+    )
+
+
+@jax.jit
+def _whitening_of(normal: Any) -> Any:
+    """W of the whitened coordinates, [starts, n, n]."""
+    values, vectors = jnp.linalg.eigh(normal)
+    floor = jnp.maximum(_FLATTEST * values[:, -1:], jnp.finfo(normal.dtype).tiny)
+    return vectors / jnp.sqrt(jnp.maximum(values, floor))[:, None, :]

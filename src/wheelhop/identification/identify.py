@@ -1,0 +1,267 @@
+"""Fit parameters of a quarter car to records whose road and pressure are known."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from wheelhop.errors import DivergenceError, InputError, InputWarning
+from wheelhop.identification.descent import Descended, OnProgress, Settings, descend
+from wheelhop.identification.drives import SETTLING, Prepared, prepare
+from wheelhop.identification.loss import Sums, block_sums
+from wheelhop.identification.objective import (
+    Task,
+    gradient_mode,
+    losses,
+    lost,
+    mean_squares,
+    task_of,
+)
+from wheelhop.identification.parameters import SearchSpace, search_space, with_values
+from wheelhop.identification.uncertainty import Uncertainty, uncertainty
+from wheelhop.staging import native_jit, staged_jit
+from wheelhop.vehicle.parameters import QuarterCar, validate
+from wheelhop.vehicle.record import CornerRecord
+
+STARTS = 8
+"""Default number of starting points."""
+
+SPREAD = 0.7
+"""Standard deviation of the random starts, in free numbers: about a factor of two."""
+
+POOR_FIT = 0.5
+"""Unexplained share of the measured accelerations beyond which a fit is called poor."""
+
+_AT_BOUND = 1e-12
+_EDGE = 23.0
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A fitted quarter car and what is known of it.
+
+    Attributes:
+        car: the fitted quarter car.
+        start: the quarter car it began from.
+        space: the fitted parameters, whose order all arrays keep.
+        values: of the fitted parameters, [n].
+        uncertainty: standard errors, correlation, weak directions.
+        at_bound: "lower", "upper" or "" for each parameter.
+        names: of the records.
+        rmse: root mean square errors [m/s^2] of a_s and a_u, [records, 2].
+        start_rmse: the same of the start.
+        measured_rms: of the measured accelerations [m/s^2], [records, 2].
+        loss: Euclidean norm of all `rmse` [m/s^2].
+        unexplained: sum of the mean square errors over that of the measured accelerations.
+        descent: history of all starts.
+        problems: what speaks against the result, in plain words; empty where nothing does.
+    """
+
+    car: QuarterCar
+    start: QuarterCar
+    space: SearchSpace
+    values: np.ndarray
+    uncertainty: Uncertainty
+    at_bound: tuple[str, ...]
+    names: tuple[str, ...]
+    rmse: np.ndarray
+    start_rmse: np.ndarray
+    measured_rms: np.ndarray
+    loss: float
+    unexplained: float
+    descent: Descended
+    problems: tuple[str, ...]
+
+
+def identify(
+    records: Sequence[CornerRecord],
+    start: QuarterCar,
+    *,
+    names: Sequence[str] | None = None,
+    space: SearchSpace | None = None,
+    starts: int = STARTS,
+    seed: int = 0,
+    settling: float = SETTLING,
+    settings: Settings = Settings(),
+    mode: str | None = None,
+    on_progress: OnProgress | None = None,
+) -> Identification:
+    """Fit by gradient descent on the norm of the acceleration errors (`loss`).
+
+    Args:
+        records: checked ones with pressure and elevation, over one or several roads.
+        start: quarter car to begin from; what is not fitted keeps its values.
+        names: of the records.
+        space: what to fit; the four suspension parameters by default.
+        starts: starting points, the given one and random ones around it.
+        seed: of the random ones.
+        settling: time at each record's start that is not judged [s].
+        settings: of the descent.
+        mode: of the gradient, "forward" or "reverse"; by the number of parameters if None.
+        on_progress: told after every iteration.
+
+    Returns:
+        The best fit. What speaks against it is in `problems`, and told as an `InputWarning`.
+
+    Raises:
+        InputError: for records or settings that cannot be used.
+        DivergenceError: if no start gave a finite simulation.
+    """
+    space = search_space() if space is None else space
+    mode = gradient_mode(space) if mode is None else mode
+    if mode not in ("forward", "reverse"):
+        raise InputError("mode", f"{mode!r} is unknown", "Use 'forward' or 'reverse'.")
+    if starts < 1:
+        raise InputError("starts", f"{starts}", "Give at least 1 starting point.")
+    validate(start)
+    first = space.free(start)
+    prepared = prepare(records, names, settling)
+    task = task_of(start, prepared.drives)
+    points = _points(first, starts, seed)
+    found = descend(points, task, space, prepared.substeps, mode, settings, on_progress)
+    if lost(found.loss).all():
+        raise DivergenceError(
+            f"none of {starts} starts gave a finite simulation; start from parameters of a real "
+            "vehicle, narrow the bounds, or check the records' units"
+        )
+    return _result(found, first, prepared, task, space, start)
+
+
+def _points(first: np.ndarray, starts: int, seed: int) -> np.ndarray:
+    random = np.random.default_rng(seed).normal(size=(starts - 1, len(first)))
+    return np.concatenate([first[None], first + SPREAD * random])
+
+
+def _result(
+    found: Descended,
+    first: np.ndarray,
+    prepared: Prepared,
+    task: Task,
+    space: SearchSpace,
+    start: QuarterCar,
+) -> Identification:
+    best = int(np.argmin(found.loss))
+    free = jnp.asarray(found.free[best], task.weight.dtype)
+    compiled = _compiled(space, prepared.substeps)
+    bounds = _at_bounds(free, float(found.loss[best]), task, compiled)
+    free = jnp.asarray([_EDGE * b if b else f for b, f in zip(bounds, free.tolist(), strict=True)])
+    free = free.astype(task.weight.dtype)
+    exact = [
+        (space.lower[k] if b < 0 else space.upper[k]) if b else float(v)
+        for k, (b, v) in enumerate(zip(bounds, space.values(free), strict=True))
+    ]
+    values = np.array(exact)
+    sums = jax.tree.map(np.asarray, compiled.sums(free, task))
+    drives = prepared.drives
+    counts = np.stack([np.asarray(c).sum((1, 2)) for c in (drives.count_s, drives.count_u)], 1)
+    slopes = np.diag(np.asarray(jax.jacobian(space.values)(free)))
+    known = uncertainty(
+        sums,
+        task.weight,
+        counts,
+        slopes,
+        values,
+        space,
+        tuple(k for k, b in enumerate(bounds) if b),
+    )
+    both = jnp.stack([free, jnp.asarray(first, free.dtype)])
+    squares = np.asarray(compiled.squares(both, task))
+    measured = np.stack([np.asarray(a * a).sum((1, 2)) for a in (drives.a_s, drives.a_u)], 1)
+    car = space.car(free, start)
+    car = jax.tree.map(float, _exactly(car, space, values))
+    at_bound = tuple({-1: "lower", 0: "", 1: "upper"}[b] for b in bounds)
+    unexplained = float(squares[0].sum() / (measured / counts).sum())
+    problems = _problems(found, best, space, at_bound, known, unexplained)
+    for problem in problems:
+        warnings.warn(f"identification: {problem}", InputWarning, stacklevel=3)
+    return Identification(
+        car=car,
+        start=start,
+        space=space,
+        values=values,
+        uncertainty=known,
+        at_bound=at_bound,
+        names=prepared.names,
+        rmse=np.sqrt(squares[0]),
+        start_rmse=np.sqrt(squares[1]),
+        measured_rms=np.sqrt(measured / counts),
+        loss=float(np.sqrt(squares[0].sum())),
+        unexplained=unexplained,
+        descent=found,
+        problems=problems,
+    )
+
+
+@dataclass(frozen=True)
+class _Compiled:
+    """Functions of (free, task), compiled once per search space."""
+
+    sums: Any
+    squares: Any
+    losses: Any
+
+
+@lru_cache(maxsize=16)
+def _compiled(space: SearchSpace, substeps: int) -> _Compiled:
+    def sums(free: Any, task: Task) -> Sums:
+        return jax.vmap(lambda d: block_sums(free, space, task.base, d, substeps))(task.drives)
+
+    return _Compiled(
+        native_jit(sums),
+        staged_jit(lambda free, task: mean_squares(free, task, space, substeps)),
+        staged_jit(lambda free, task: losses(free, task, space, substeps)),
+    )
+
+
+def _at_bounds(free: Any, loss: float, task: Task, compiled: _Compiled) -> list[int]:
+    """-1 or 1 where the loss does not rise on the way to the lower or upper bound, else 0."""
+    n = len(free)
+    moved = [free.at[k].set(side * _EDGE) for k in range(n) for side in (-1, 1)]
+    there = np.asarray(compiled.losses(jnp.stack(moved), task)).reshape(n, 2)
+    flat = there <= loss * (1.0 + _AT_BOUND)
+    return [-1 if low else (1 if high else 0) for low, high in flat.tolist()]
+
+
+def _exactly(car: QuarterCar, space: SearchSpace, values: np.ndarray) -> QuarterCar:
+    return with_values(car, dict(zip(space.names, values.tolist(), strict=True)))
+
+
+def _problems(
+    found: Descended,
+    best: int,
+    space: SearchSpace,
+    at_bound: Sequence[str],
+    known: Uncertainty,
+    unexplained: float,
+) -> tuple[str, ...]:
+    problems = []
+    if not found.converged[best]:
+        problems.append(
+            f"the best of {len(found.loss)} starts was still descending after the last iteration; "
+            "allow more iterations"
+        )
+    gone = int(np.sum(lost(found.loss)))
+    if gone:
+        problems.append(f"{gone} of {len(found.loss)} starts left the finite numbers")
+    for k, (name, side) in enumerate(zip(space.names, at_bound, strict=True)):
+        if side:
+            bound = space.lower[k] if side == "lower" else space.upper[k]
+            problems.append(
+                f"{name} is at its {side} bound, {bound:g} {space.units[k]}: the records ask for "
+                "more, so the model's form may not be theirs; it is held there and has no standard "
+                "error"
+            )
+    problems += [f"the records hardly determine {direction}" for direction in known.weak]
+    if unexplained > POOR_FIT:
+        problems.append(
+            f"{unexplained:.0%} of the mean square accelerations stay unexplained: check the "
+            "record's units, signs, timing against the road, and the pressure"
+        )
+    return tuple(problems)
