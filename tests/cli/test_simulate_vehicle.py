@@ -88,9 +88,7 @@ def test_two_measured_tracks_and_a_leak(work):
     datum = 0.5 * (left[0] + right[0])
     for corner, z in (("FL", left), ("FR", right)):
         expected = np.interp(front, x, z) - datum
-        np.testing.assert_allclose(
-            column[f"elevation_{corner}"][after], expected[after], atol=3e-4
-        )
+        np.testing.assert_allclose(column[f"elevation_{corner}"][after], expected[after], atol=3e-4)
 
 
 @pytest.mark.parametrize(

@@ -72,7 +72,6 @@ def descend(
     starts: np.ndarray,
     task: Task,
     space: SearchSpace,
-    substeps: int,
     mode: str,
     settings: Settings = Settings(),
     on_progress: OnProgress | None = None,
@@ -86,13 +85,25 @@ def descend(
         starts: free numbers, [starts, n].
         task: what candidates are judged by.
         space: the fitted parameters.
-        substeps: Runge-Kutta steps per sampling interval.
         mode: of the gradient, "forward" or "reverse".
         settings: of the descent.
         on_progress: told after every iteration.
     """
+    # optax mixes integers and floats, which the user may have forbidden
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        return _descend(starts, task, space, mode, settings, on_progress)
+
+
+def _descend(
+    starts: np.ndarray,
+    task: Task,
+    space: SearchSpace,
+    mode: str,
+    settings: Settings,
+    on_progress: OnProgress | None,
+) -> Descended:
     log = _Log(settings.warm_up + settings.iterations, len(starts), on_progress)
-    derive, climb = _compiled(space, substeps, mode, settings.memory)
+    derive, climb = _compiled(space, mode, settings.memory)
     free = jnp.asarray(starts, task.weight.dtype)
     free, best = _warm_up(free, derive, task, settings, log)
 
@@ -101,7 +112,7 @@ def descend(
     done = 0
     while done < settings.iterations and not converged.all():
         if mode == "reverse":
-            best = best._replace(normal=_normal(space, substeps)(free, task))
+            best = best._replace(normal=_normal(space)(free, task))
             log.count(len(starts))
         whitening = _whitening_of(best.normal)
         center, z = free, jnp.zeros_like(free)
@@ -116,10 +127,10 @@ def descend(
         new = _moved(center, whitening, z)
         found = derive(new, task)
         log.add(np.asarray(found.loss), len(starts))
-        better = np.asarray(found.loss <= best.loss)
-        free, best = _chosen(better, (new, found), (free, best))
-        # a start whose round brought nothing cannot do better
-        converged |= ~better
+        before = np.asarray(best.loss)
+        free, best = _chosen(found.loss <= best.loss, (new, found), (free, best))
+        # a start to which a whole round brought nothing cannot do better
+        converged |= before - np.asarray(best.loss) <= tolerance * before
     return Descended(
         np.asarray(free),
         np.asarray(best.loss),
@@ -186,21 +197,21 @@ def _solver(memory: int) -> optax.GradientTransformationExtraArgs:
 
 
 @lru_cache(maxsize=16)
-def _compiled(space: SearchSpace, substeps: int, mode: str, memory: int) -> tuple[Any, Any]:
+def _compiled(space: SearchSpace, mode: str, memory: int) -> tuple[Any, Any]:
     """Loss and derivatives of all starts; one L-BFGS iteration of all starts."""
     solver = _solver(memory)
 
     def derive(free: Any, task: Task) -> Evaluation:
-        return evaluate(free, task, space, substeps, mode)
+        return evaluate(free, task, space, mode)
 
     @custom_vmap
     def value(free: Any, task: Task) -> Any:
-        return losses(free[None], task, space, substeps)[0]
+        return losses(free[None], task, space)[0]
 
     @value.def_vmap
     def _values(size: int, batched: Any, free: Any, task: Task) -> tuple[Any, bool]:
         del size, batched
-        return losses(free, task, space, substeps), True
+        return losses(free, task, space), True
 
     def iterate(z: Any, state: Any, center: Any, whitening: Any, task: Task) -> Any:
         found = derive(_moved(center, whitening, z), task)
@@ -221,8 +232,8 @@ def _compiled(space: SearchSpace, substeps: int, mode: str, memory: int) -> tupl
 
 
 @lru_cache(maxsize=16)
-def _normal(space: SearchSpace, substeps: int) -> Any:
-    return staged_jit(lambda free, task: evaluate(free, task, space, substeps).normal)
+def _normal(space: SearchSpace) -> Any:
+    return staged_jit(lambda free, task: evaluate(free, task, space).normal)
 
 
 def _moved(center: Any, whitening: Any, z: Any) -> Any:
@@ -243,7 +254,7 @@ def _chosen(mask: Any, new: Any, old: Any) -> Any:
     """Start by start, the new where the mask says so."""
     mask = jnp.asarray(mask)
     return jax.tree.map(
-        lambda a, b: jnp.where(mask.reshape((-1,) + (1,) * (a.ndim - 1)), a, b), new, old
+        lambda a, b: jnp.where(jnp.expand_dims(mask, tuple(range(1, a.ndim))), a, b), new, old
     )
 
 

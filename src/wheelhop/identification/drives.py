@@ -1,4 +1,8 @@
-"""Records with a known road and pressure, checked and laid on the simulator's grid."""
+"""Records with a known road and pressure, checked and laid on the simulator's grid.
+
+The grid is as fine as the integrator needs: where it is finer than the record, the road between
+the samples is a cubic spline through them, and only the record's own samples count.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +13,14 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from wheelhop.errors import InputError
 from wheelhop.vehicle.record import CornerRecord
 from wheelhop.vehicle.road.profile import Profile, elevation_at, without_aliases
 
 BLOCK = 500
-"""Samples per block of a record: partial sums are kept per block."""
+"""Steps per block of a record: partial sums are kept per block."""
 
 SETTLING = 1.0
 """Time [s] at a record's start that no error is counted of: its initial motion is not known."""
@@ -31,17 +36,19 @@ _LEAST_ACCELERATION = 0.02
 
 
 class Drives(NamedTuple):
-    """Records in blocks, every leaf [records, ...]; sums are over samples with weight 1.
+    """Records in blocks of integration steps, every leaf [records, ...].
 
     Attributes:
-        rise: of the road over each sampling interval [m], [records, blocks, samples].
-        pressure: of the tyre [Pa], the same shape.
+        rise: of the road over each step [m], [records, blocks, steps].
+        slope: the road's velocity at the step's end [m/s], the same shape.
+        pressure: of the tyre [Pa].
         a_s, a_u: measured accelerations [m/s^2], zero where they do not count.
-        count_s, count_u: 1 where a sample counts, else 0.
-        dt: sampling interval [s], [records].
+        count_s, count_u: 1 where a step ends at a sample that counts, else 0.
+        dt: integration step [s], [records].
     """
 
     rise: Any
+    slope: Any
     pressure: Any
     a_s: Any
     a_u: Any
@@ -58,13 +65,13 @@ class Prepared:
         names: of the records.
         records: as given.
         drives: the same on the simulator's grid.
-        substeps: Runge-Kutta steps per sampling interval.
+        steps: integration steps per sampling interval of each record.
     """
 
     names: tuple[str, ...]
     records: tuple[CornerRecord, ...]
     drives: Drives
-    substeps: int
+    steps: tuple[int, ...]
 
 
 def prepare(
@@ -95,18 +102,20 @@ def prepare(
         raise InputError("settling", f"{settling:g} s", "Give a time of at least 0 s.")
     for name, record in zip(names, records, strict=True):
         _check(name, record, settling)
-    longest = max(len(r.t) for r in records)
+    steps = tuple(max(1, math.ceil(record.dt / COARSEST_STEP)) for record in records)
+    longest = max(len(r.t) * m for r, m in zip(records, steps, strict=True))
     blocks = -(-longest // BLOCK)
-    columns = [_columns(record, settling, blocks * BLOCK) for record in records]
-    stacked = {
-        key: jnp.asarray(np.stack([c[key] for c in columns]).reshape(len(records), blocks, BLOCK))
+    columns = [
+        _columns(record, settling, m, blocks * BLOCK)
+        for record, m in zip(records, steps, strict=True)
+    ]
+    laid = {
+        key: jnp.asarray(np.stack([c[key] for c in columns]).reshape(-1, blocks, BLOCK), float)
         for key in columns[0]
     }
-    stacked = {key: jnp.asarray(value, float) for key, value in stacked.items()}
-    dt = np.array([r.dt for r in records])
-    substeps = max(1, math.ceil(float(dt.max()) / COARSEST_STEP))
-    drives = Drives(**stacked, dt=jnp.asarray(dt, float))
-    return Prepared(tuple(names), tuple(records), drives, substeps)
+    dt = np.array([r.dt / m for r, m in zip(records, steps, strict=True)])
+    drives = Drives(**laid, dt=jnp.asarray(dt, float))
+    return Prepared(tuple(names), tuple(records), drives, steps)
 
 
 def with_road(record: CornerRecord, road: Profile, reflect: bool = False) -> CornerRecord:
@@ -162,27 +171,43 @@ def _check(name: str, record: CornerRecord, settling: float) -> None:
             )
 
 
-def _columns(record: CornerRecord, settling: float, length: int) -> dict[str, np.ndarray]:
-    """One record, padded: what lies outside it does not count."""
+def _columns(record: CornerRecord, settling: float, m: int, length: int) -> dict[str, np.ndarray]:
+    """One record in steps of a m-th of its interval, padded: what lies outside does not count."""
     assert record.elevation is not None
     assert record.pressure is not None
     t = record.t
+    # one interval of standing still before the first sample, from which nothing is known
+    before = np.concatenate([[t[0] - record.dt], t])
     elevation = _filled(t, record.elevation)
-    pressure = _filled(t, record.pressure)
-    rise = np.diff(elevation, prepend=elevation[0])
+    elevation = np.concatenate([elevation[:1], elevation])
+    grid = before[0] + record.dt / m * np.arange(1, m * len(t) + 1)
+    road = CubicSpline(before, elevation)
+    fine = elevation[1:] if m == 1 else road(grid)
     judged = t - t[0] >= settling
-    columns = {"rise": rise, "pressure": pressure}
+    pressure = np.interp(grid, t, _filled(t, record.pressure))
+    columns = {
+        "rise": np.diff(fine, prepend=elevation[0]),
+        "slope": road(grid, 1),
+        "pressure": pressure,
+    }
     for field in ("a_s", "a_u"):
         values = getattr(record, field)
         counts = judged & np.isfinite(values)
-        columns[field] = np.where(counts, values, 0.0)
-        columns[f"count_{field[2:]}"] = counts.astype(float)
-    extra = length - len(t)
+        columns[field] = _at_ends(np.where(counts, values, 0.0), m)
+        columns[f"count_{field[2:]}"] = _at_ends(counts.astype(float), m)
     fills = {"pressure": pressure[-1]}
+    extra = length - len(grid)
     return {
         key: np.concatenate([value, np.full(extra, fills.get(key, 0.0))])
         for key, value in columns.items()
     }
+
+
+def _at_ends(values: np.ndarray, m: int) -> np.ndarray:
+    """Values at every m-th step, zero between."""
+    spread = np.zeros(m * len(values))
+    spread[m - 1 :: m] = values
+    return spread
 
 
 def _filled(t: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -40,7 +40,7 @@ POOR_FIT = 0.5
 """Unexplained share of the measured accelerations beyond which a fit is called poor."""
 
 _AT_BOUND = 1e-12
-_EDGE = 23.0
+_EDGE = 800.0
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def identify(
     prepared = prepare(records, names, settling)
     task = task_of(start, prepared.drives)
     points = _points(first, starts, seed)
-    found = descend(points, task, space, prepared.substeps, mode, settings, on_progress)
+    found = descend(points, task, space, mode, settings, on_progress)
     if lost(found.loss).all():
         raise DivergenceError(
             f"none of {starts} starts gave a finite simulation; start from parameters of a real "
@@ -149,7 +149,7 @@ def _result(
 ) -> Identification:
     best = int(np.argmin(found.loss))
     free = jnp.asarray(found.free[best], task.weight.dtype)
-    compiled = _compiled(space, prepared.substeps)
+    compiled = _compiled(space)
     bounds = _at_bounds(free, float(found.loss[best]), task, compiled)
     free = jnp.asarray([_EDGE * b if b else f for b, f in zip(bounds, free.tolist(), strict=True)])
     free = free.astype(task.weight.dtype)
@@ -209,14 +209,14 @@ class _Compiled:
 
 
 @lru_cache(maxsize=16)
-def _compiled(space: SearchSpace, substeps: int) -> _Compiled:
+def _compiled(space: SearchSpace) -> _Compiled:
     def sums(free: Any, task: Task) -> Sums:
-        return jax.vmap(lambda d: block_sums(free, space, task.base, d, substeps))(task.drives)
+        return jax.vmap(lambda d: block_sums(free, space, task.base, d))(task.drives)
 
     return _Compiled(
         native_jit(sums),
-        staged_jit(lambda free, task: mean_squares(free, task, space, substeps)),
-        staged_jit(lambda free, task: losses(free, task, space, substeps)),
+        staged_jit(lambda free, task: mean_squares(free, task, space)),
+        staged_jit(lambda free, task: losses(free, task, space)),
     )
 
 

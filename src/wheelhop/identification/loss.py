@@ -41,31 +41,25 @@ class Sums(NamedTuple):
 
 
 def step(
-    x: RelativeState, car: QuarterCar, pressure: Any, rise: Any, dt: Any, substeps: int
+    x: RelativeState, car: QuarterCar, pressure: Any, rise: Any, slope: Any, dt: Any
 ) -> tuple[RelativeState, Accelerations]:
-    """The quarter car one sampling interval later, and its accelerations then.
+    """The quarter car one step later, and its accelerations then.
 
     Args:
         x: state.
         car: parameters.
         pressure: of the tyre [Pa].
-        rise: of the road over the interval [m], taken as straight.
-        dt: sampling interval [s].
-        substeps: Runge-Kutta steps.
+        rise: of the road over the step [m], taken as straight.
+        slope: the road's velocity at the step's end [m/s], for the tyre's damper.
+        dt: step [s].
     """
     stiffness = stiffness_from_pressure(pressure, car.tire)
     velocity = rise / dt
-    for _ in range(substeps):
-        x = rk4(
-            lambda s: relative_derivative(s, stiffness, velocity, car),
-            x,
-            dt / substeps,
-            staged=False,
-        )
-    return x, accelerations(x, stiffness, car, velocity)
+    x = rk4(lambda s: relative_derivative(s, stiffness, velocity, car), x, dt, staged=False)
+    return x, accelerations(x, stiffness, car, slope)
 
 
-def block_squares(car: QuarterCar, drive: Drives, substeps: int) -> Any:
+def block_squares(car: QuarterCar, drive: Drives) -> Any:
     """Sums of squared errors of one record, [blocks, 2]; differentiable in reverse mode.
 
     Each block is computed anew in the backward pass, so memory holds states of one block.
@@ -73,14 +67,13 @@ def block_squares(car: QuarterCar, drive: Drives, substeps: int) -> Any:
     Args:
         car: parameters.
         drive: one record, leaves without the record axis.
-        substeps: Runge-Kutta steps per sampling interval.
     """
-    advance = stage(lambda x, c, p, r, dt: step(x, c, p, r, dt, substeps))
+    advance = stage(step)
 
     def sample(carry: Any, now: Any) -> tuple[Any, None]:
         x, total = carry
-        rise, pressure, a_s, a_u, count_s, count_u = now
-        x, a = advance(x, car, pressure, rise, drive.dt)
+        rise, slope, pressure, a_s, a_u, count_s, count_u = now
+        x, a = advance(x, car, pressure, rise, slope, drive.dt)
         e_s, e_u = count_s * (a.a_s - a_s), count_u * (a.a_u - a_u)
         return (x, (total[0] + e_s * e_s, total[1] + e_u * e_u)), None
 
@@ -93,9 +86,7 @@ def block_squares(car: QuarterCar, drive: Drives, substeps: int) -> Any:
     return jax.lax.scan(block, _rest(drive), tuple(drive)[:-1])[1]
 
 
-def block_sums(
-    free: Any, space: SearchSpace, base: QuarterCar, drive: Drives, substeps: int
-) -> Sums:
+def block_sums(free: Any, space: SearchSpace, base: QuarterCar, drive: Drives) -> Sums:
     """Errors of one record with their derivatives, carried forward in one pass.
 
     Args:
@@ -103,7 +94,6 @@ def block_sums(
         space: the fitted parameters.
         base: the others.
         drive: one record, leaves without the record axis.
-        substeps: Runge-Kutta steps per sampling interval.
 
     Returns:
         Sums with a leading axis [blocks].
@@ -111,25 +101,27 @@ def block_sums(
     n = len(space.names)
     car, by_free = _car_and_tangents(free, space, base)
 
-    def advance(x: RelativeState, slopes: Any, c: Any, d: Any, p: Any, r: Any, dt: Any) -> Any:
-        (x, a), along = jax.linearize(lambda s, car: step(s, car, p, r, dt, substeps), x, c)
-        moved = [along(slope, by) for slope, by in zip(slopes, d, strict=True)]
+    def advance(x: Any, tangents: Any, c: Any, d: Any, p: Any, r: Any, s: Any, dt: Any) -> Any:
+        (x, a), along = jax.linearize(lambda z, car: step(z, car, p, r, s, dt), x, c)
+        moved = [along(tangent, by) for tangent, by in zip(tangents, d, strict=True)]
         return (x, a), ([m[0] for m in moved], [m[1] for m in moved])
 
     moving, add = stage(advance), stage(_added)
 
     def sample(carry: Any, now: Any) -> tuple[Any, None]:
-        x, slopes, total = carry
-        rise, pressure, a_s, a_u, count_s, count_u = now
-        (x, a), (slopes, a_by) = moving(x, slopes, car, by_free, pressure, rise, drive.dt)
+        x, tangents, total = carry
+        rise, slope, pressure, a_s, a_u, count_s, count_u = now
+        (x, a), (tangents, a_by) = moving(
+            x, tangents, car, by_free, pressure, rise, slope, drive.dt
+        )
         by_channel = ([b.a_s for b in a_by], [b.a_u for b in a_by])
-        return (x, slopes, add(total, a, by_channel, (a_s, a_u), (count_s, count_u))), None
+        return (x, tangents, add(total, a, by_channel, (a_s, a_u), (count_s, count_u))), None
 
     def block(carry: Any, piece: Any) -> tuple[Any, Sums]:
         zero = jnp.zeros_like(carry[0].v_s)
         empty = tuple((zero, [zero] * n, [[zero] * (i + 1) for i in range(n)]) for _ in range(2))
-        (x, slopes, total), _ = jax.lax.scan(sample, (*carry, empty), piece)
-        return (x, slopes), _stacked(total)
+        (x, tangents, total), _ = jax.lax.scan(sample, (*carry, empty), piece)
+        return (x, tangents), _stacked(total)
 
     rest = _rest(drive)
     return jax.lax.scan(block, (rest, [rest] * n), tuple(drive)[:-1])[1]

@@ -108,11 +108,10 @@ def uncertainty(
     cov, robust = inverse @ inner @ inverse, inverse @ outer @ inverse
     relative = np.abs(np.asarray(values, float)[used])
     relative = np.where(relative > 0, relative, 1.0)
-    directions = _directions(cov, null, relative, [space.names[k] for k in used])
-    unknown = [d for d in directions if np.isinf(d.relative_error)]
-    lost = np.array(
-        [any(abs(d.weights[space.names[k]]) > _INVOLVED for d in unknown) for k in used]
-    )
+    names = [space.names[k] for k in used]
+    directions = _directions(cov, null, relative, names)
+    unseen = [d for d in directions if np.isinf(d.relative_error)]
+    lost = np.array([any(abs(d.weights[name]) > _INVOLVED for d in unseen) for name in names])
     correlation = np.full((n, n), np.nan)
     correlation[np.ix_(used, used)] = _correlation(cov)
     return Uncertainty(

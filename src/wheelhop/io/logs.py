@@ -33,9 +33,10 @@ def read_log(
     """Read, convert and check a log.
 
     Columns t, a_s, a_u, v are required; `pressure`, the true one, and `elevation` of the road
-    under the wheel are optional. Units stand in the header (`a_s [m/s^2]`) or in a TOML file with `[units]` and, where the log names its
-    columns otherwise, `[columns]`; LOG.toml beside the log is read by itself. In a log of several
-    corners the columns end in the corner's name, `a_s_FL`; one is read.
+    under the wheel are optional. Units stand in the header (`a_s [m/s^2]`) or in a TOML file with
+    `[units]` and, where the log names its columns otherwise, `[columns]`; LOG.toml beside the log
+    is read by itself. In a log of several corners the columns end in the corner's name, `a_s_FL`;
+    one is read.
 
     Args:
         path: CSV or Parquet file.
