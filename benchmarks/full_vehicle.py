@@ -38,7 +38,8 @@ from rich.table import Table  # noqa: E402
 from tests.oracles import mujoco_vehicle  # noqa: E402
 from wheelhop import __version__, staging  # noqa: E402
 from wheelhop.io.results import write_json  # noqa: E402
-from wheelhop.staging import native_jit, staged_jit  # noqa: E402
+from wheelhop.staging import native_jit  # noqa: E402
+from wheelhop.vehicle.fleet import fleet_simulator  # noqa: E402
 from wheelhop.vehicle.full_vehicle_parameters import suv  # noqa: E402
 from wheelhop.vehicle.full_vehicle_state import Surroundings, VehicleState  # noqa: E402
 from wheelhop.vehicle.maneuver import straight  # noqa: E402
@@ -80,75 +81,47 @@ def tracks() -> np.ndarray:
 
 
 def initial(runs: int) -> VehicleState:
-    """Cars that roll at the design height, spread over the first 50 m; runs on a trailing axis."""
+    """Cars that roll at the design height, spread over the first 50 m, [runs, ...]."""
     zero = np.zeros(4)
     height = float(np.mean(suv().chassis.hub_drop)) + 0.34
     one = VehicleState(
         0.0, 0.0, height, 0.0, 0.0, 0.0, SPEED, 0.0, 0.0, 0.0, 0.0, 0.0,
         zero, zero, zero + SPEED / 0.35, zero, zero,
     )  # fmt: skip
-    many = jax.tree.map(lambda a: np.repeat(np.asarray(a)[..., None], runs, -1), one)
+    many = jax.tree.map(lambda a: np.repeat(np.asarray(a)[None], runs, 0), one)
     return many._replace(x=np.linspace(0.0, 50.0, runs))
 
 
 def ours(runs: int, dtype: str, z: np.ndarray, devices: Any) -> Contender:
-    """The plant, its runs in lanes; shared among the devices where there are several."""
+    """The plant: one native function for one run, a fleet shared among the devices for more."""
     double = dtype == "float64"
     samples = round(SECONDS[runs] / (STEP * SUBSTEPS))
-    share = -(-runs // len(devices))
+    rate = 1.0 / (STEP * SUBSTEPS)
 
     def floats(tree: Any) -> Any:
         return jax.tree.map(lambda a: jnp.asarray(a, dtype), tree)
 
     with jax.enable_x64(double):
-        road = build_surface(z)
+        start = floats(initial(runs))
         fixed = (
             as_arrays(suv()),
             floats(straight(SPEED)),
+            build_surface(z),
             floats(held(jnp.full(4, PRESSURE))),
             floats(Surroundings()),
         )
-        start = floats(initial(share * len(devices)))
         if runs == 1:
-            start = jax.tree.map(lambda a: a[..., 0], start)
+            start = jax.tree.map(lambda a: a[0], start)
+            compiled = native_jit(lambda *a: simulate_vehicle(*a, samples, rate, SUBSTEPS)[1])
         else:
-            fixed = jax.tree.map(lambda a: a[..., None], fixed)
-
-        def drive(start: VehicleState, fixed: Any, road: Any) -> Any:
-            car, maneuver, pressure, around = fixed
-            return simulate_vehicle(
-                start, car, maneuver, road, pressure, around,
-                samples, 1.0 / (STEP * SUBSTEPS), SUBSTEPS,
-            )[1]  # fmt: skip
-
-        function, arguments = drive, (start, fixed, road)
-        if len(devices) > 1:
-            mesh = jax.sharding.Mesh(np.asarray(devices), ("chunks",))
-            split, whole = jax.sharding.PartitionSpec("chunks"), jax.sharding.PartitionSpec()
-            chunks = jax.tree.map(
-                lambda a: jnp.moveaxis(a.reshape(*a.shape[:-1], len(devices), share), -2, 0), start
-            )
-
-            def one_device(start: Any, fixed: Any, road: Any) -> Any:
-                one = drive(jax.tree.map(lambda a: a[0], start), fixed, road)
-                return jax.tree.map(lambda a: a[None], one)
-
-            function = jax.shard_map(
-                one_device,
-                mesh=mesh,
-                in_specs=(split, whole, whole),
-                out_specs=split,
-                check_vma=False,
-            )
-            arguments = (chunks, fixed, road)
-        compiled = native_jit(function) if runs == 1 else staged_jit(function)
+            compiled = fleet_simulator(samples, rate, SUBSTEPS, devices=devices)
         begin = time.perf_counter()
-        jax.block_until_ready(compiled(*arguments))
+        jax.block_until_ready(compiled(start, *fixed))
         first = time.perf_counter() - begin
 
     def call() -> Any:
         with jax.enable_x64(double):
-            return jax.block_until_ready(compiled(*arguments))
+            return jax.block_until_ready(compiled(start, *fixed))
 
     begin = time.perf_counter()
     loads = np.asarray(call().load)

@@ -35,6 +35,39 @@ def test_on_this_machine_the_native_function_is_really_there():
     assert "small_call" not in jax.jit(pendulum).lower(jnp.ones(32)).compile().as_text()
 
 
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_lanes_that_fill_wide_vectors_get_the_right_arctangent(precision):
+    x = jnp.linspace(-2.0, 3.0, 200, dtype=precision)
+    angle = stage(lambda a: (jnp.arctan(a), jnp.arctan2(a, jnp.ones_like(a))))
+    found = staged_jit(lambda x: jax.lax.scan(lambda c, _: (c, angle(c)), x, length=2)[1])(x)
+    expected = np.arctan(np.asarray(x, float))
+    for values in found:
+        np.testing.assert_allclose(values, [expected, expected], rtol=0, atol=1e-6)
+
+
+def test_every_probed_operation_has_the_name_that_jax_gives_it():
+    for name, (ours, _) in staging._PROBED.items():
+        assert name in staging._operations(jax.make_jaxpr(ours)(jnp.ones(3)).jaxpr)
+
+
+def test_an_operation_that_wide_vectors_get_wrong_is_compiled_for_narrow_ones(monkeypatch):
+    def with_tangent(x):
+        grow = stage(lambda a: jax.lax.cond(a[0] > 0.0, jnp.tanh, jnp.sin, a))
+        return jax.lax.scan(lambda c, _: (grow(c), None), x, length=3)[0]
+
+    monkeypatch.setattr(staging, "available", lambda: True)
+    monkeypatch.setattr(staging, "misfits", lambda: frozenset({"tanh"}))
+    # an option that no compiler takes shows which of both ways is gone
+    monkeypatch.setattr(staging, "_WIDE", {"xla_no_such_option": 512})
+    x = jnp.linspace(0.1, 1.0, 32)
+    compiled = staged_jit(with_tangent)
+    for _ in range(2):
+        np.testing.assert_allclose(compiled(x), np.tanh(np.tanh(np.tanh(x))), rtol=1e-13)
+    assert "tanh" in staged_jit(with_tangent).lower(x).as_text()
+    with pytest.raises(jax.errors.JaxRuntimeError, match="xla_no_such_option"):
+        staged_jit(lambda x: jnp.cos(x))(x)
+
+
 def test_without_the_compilers_help_the_plain_path_serves(monkeypatch):
     monkeypatch.setattr(staging, "available", lambda: False)
     x = jnp.linspace(0.1, 1.0, 8)

@@ -8,11 +8,16 @@ other platforms, `stage(f)` is `f`. The numbers are the same up to the order of 
 
 The attributes used are undocumented details of XLA. They live in this file alone; `available`
 probes them once, and `staged_jit` is `jax.jit` where the probe fails.
+
+Wide vectors need a second probe, `misfits`. XLA:CPU of jaxlib 0.10.2 hands its arctangent 512-bit
+vectors by value where that reads them from memory, so that the result is what the stack held
+(jax issue 39352). A function that uses such an operation is compiled for `jax.jit`'s width.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import lru_cache, wraps
@@ -21,6 +26,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.extend.core import jaxpr_as_fun
 
 try:
     from jax.experimental.xla_metadata import set_xla_metadata
@@ -31,9 +37,33 @@ _ACTIVE: ContextVar[bool] = ContextVar("wheelhop_staging", default=False)
 
 _CALL = {"inlineable": "false", "xla_cpu_small_call": "true"}
 _OPTIONS: dict[str, Any] = {
-    "xla_cpu_prefer_vector_width": 512,
     "xla_disable_hlo_passes": "cpu-parallel-task-assigner,dot-library-rewriter",
 }
+_WIDE = {"xla_cpu_prefer_vector_width": 512}
+
+# operations that XLA has vector code for, each with NumPy's for the same
+_PROBED: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
+    "atan": (jax.lax.atan, np.arctan),
+    # with a second argument of one XLA makes it an arctangent
+    "atan2": (lambda x: jax.lax.atan2(x, jnp.ones_like(x)), np.arctan),
+    "cos": (jax.lax.cos, np.cos),
+    "erf": (jax.lax.erf, np.vectorize(math.erf)),
+    "exp": (jax.lax.exp, np.exp),
+    "expm1": (jax.lax.expm1, np.expm1),
+    "log": (jax.lax.log, np.log),
+    "log1p": (jax.lax.log1p, np.log1p),
+    "logistic": (jax.lax.logistic, lambda x: 1.0 / (1.0 + np.exp(-x))),
+    "pow": (lambda x: jax.lax.pow(x, 1.0 + x), lambda x: x ** (1.0 + x)),
+    "rsqrt": (jax.lax.rsqrt, lambda x: 1.0 / np.sqrt(x)),
+    "sin": (jax.lax.sin, np.sin),
+    "sqrt": (jax.lax.sqrt, np.sqrt),
+    "tan": (jax.lax.tan, np.tan),
+    "tanh": (jax.lax.tanh, np.tanh),
+}
+
+
+class _Narrow(Exception):
+    """What is being traced uses an operation that wide vectors get wrong."""
 
 
 def stage(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -78,7 +108,53 @@ def staged_jit(function: Callable[..., Any]) -> Callable[..., Any]:
         with staging():
             return function(*args, **options)
 
-    return jax.jit(traced, compiler_options=_OPTIONS)
+    wide = jax.jit(traced, compiler_options=_OPTIONS | _WIDE)
+    return _narrowed(traced, misfits()) if misfits() else wide
+
+
+def _narrowed(traced: Callable[..., Any], refused: frozenset[str]) -> Callable[..., Any]:
+    """`traced` for wide vectors unless it uses a refused operation, then for JAX's width."""
+
+    @wraps(traced)
+    def checked(*args: Any, **options: Any) -> Any:
+        found, shape = jax.make_jaxpr(traced, return_shape=True)(*args, **options)
+        if refused & set(_operations(found.jaxpr)):
+            raise _Narrow
+        results = jaxpr_as_fun(found)(*jax.tree.leaves((args, options)))
+        return jax.tree.unflatten(jax.tree.structure(shape), results)
+
+    wide = jax.jit(checked, compiler_options=_OPTIONS | _WIDE)
+    narrow = jax.jit(traced, compiler_options=_OPTIONS)
+    use = wide
+
+    def widest(way: Callable[[Any], Any]) -> Any:
+        nonlocal use
+        try:
+            return way(use)
+        except _Narrow:
+            use = narrow
+        return way(use)
+
+    @wraps(traced)
+    def call(*args: Any, **options: Any) -> Any:
+        return widest(lambda compiled: compiled(*args, **options))
+
+    def lower(*args: Any, **options: Any) -> Any:
+        return widest(lambda compiled: compiled.lower(*args, **options))
+
+    call.lower = lower  # type: ignore[attr-defined]
+    call._cache_size = lambda: use._cache_size()  # type: ignore[attr-defined]
+    return call
+
+
+def _operations(jaxpr: Any) -> Iterator[str]:
+    """Names of the operations of a traced function and of those it calls."""
+    for equation in jaxpr.eqns:
+        yield equation.primitive.name
+        for parameter in jax.tree.leaves(equation.params):
+            inner = getattr(parameter, "jaxpr", parameter)
+            if hasattr(inner, "eqns"):
+                yield from _operations(inner)
 
 
 def native_jit(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -133,8 +209,27 @@ def available() -> bool:
             return probe(x)
 
     try:
-        compiled = jax.jit(traced, compiler_options=_OPTIONS).lower(x).compile()
+        compiled = jax.jit(traced, compiler_options=_OPTIONS | _WIDE).lower(x).compile()
         native = 'xla_cpu_small_call="true"' in (compiled.as_text() or "")
         return native and bool(np.allclose(compiled(x), jax.jit(probe)(x), rtol=1e-6))
     except Exception:  # any refusal of the compiler means the plain path
         return False
+
+
+@lru_cache(maxsize=1)
+def misfits() -> frozenset[str]:
+    """Operations that wide vectors get wrong here, by name; decided once by trying."""
+
+    def every(*xs: Any) -> Any:
+        return {name: [ours(x) for x in xs] for name, (ours, _) in _PROBED.items()}
+
+    with jax.enable_x64(True):
+        xs = [np.linspace(0.05, 0.95, 256).astype(precision) for precision in ("f4", "f8")]
+        found = jax.jit(every, compiler_options=_OPTIONS | _WIDE)(*xs)
+    return frozenset(
+        name
+        for name, (_, expected) in _PROBED.items()
+        if not all(
+            np.allclose(y, expected(x), rtol=1e-5) for x, y in zip(xs, found[name], strict=True)
+        )
+    )

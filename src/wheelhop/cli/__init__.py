@@ -8,7 +8,9 @@ import typer
 
 from wheelhop import __version__
 from wheelhop.cli.estimate import demo, estimate
+from wheelhop.cli.identify import identify
 from wheelhop.cli.montecarlo import montecarlo
+from wheelhop.cli.reproduce import reproduce
 from wheelhop.cli.road import road
 from wheelhop.cli.simulate import simulate
 from wheelhop.cli.tire import tire
@@ -21,7 +23,17 @@ app = typer.Typer(
     help="Tyre pressure from accelerometers: simulate, estimate, validate.",
 )
 
-for _command in (demo, estimate, simulate, road, montecarlo, vehicle, tire):
+for _command in (
+    demo,
+    estimate,
+    identify,
+    simulate,
+    road,
+    montecarlo,
+    vehicle,
+    tire,
+    reproduce,
+):
     app.command()(_command)
 
 

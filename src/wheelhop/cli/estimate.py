@@ -64,7 +64,7 @@ def estimate(
     members = road_classes(classes)
     with computing(precision):
         record = read_log(log, units, corner)
-        _refuse_front_for_rear(corner, vehicle)
+        refuse_front_for_rear(corner, vehicle)
         car, name = load_vehicle(vehicle)
         tuning = validate_tuning(Tuning(noise_a_s=noise, noise_a_u=noise, stiffness_walk=walk))
         with progress_bar("filtering", "samples") as advance:
@@ -108,7 +108,7 @@ def demo(
     report(result, record, brancati_suv(), tuning, out, made_by, title, log_too=True)
 
 
-def _refuse_front_for_rear(corner: str | None, vehicle: Path | None) -> None:
+def refuse_front_for_rear(corner: str | None, vehicle: Path | None) -> None:
     if vehicle is None and corner is not None and corner.startswith("R"):
         raise InputError(
             "--vehicle",

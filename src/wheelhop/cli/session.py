@@ -45,10 +45,10 @@ def command(function: Command) -> Command:
             try:
                 return function(*args, **kwargs)
             except InputError as error:
-                messages.print(f"[bold red]error[/] {_escape(str(error))}", soft_wrap=True)
+                messages.print(f"[bold red]error[/] {escape(str(error))}", soft_wrap=True)
                 raise typer.Exit(2) from None
             except DivergenceError as error:
-                messages.print(f"[bold red]diverged[/] {_escape(str(error))}", soft_wrap=True)
+                messages.print(f"[bold red]diverged[/] {escape(str(error))}", soft_wrap=True)
                 raise typer.Exit(1) from None
 
     return wrapped  # type: ignore[return-value]
@@ -109,17 +109,17 @@ def provenance(name: str, precision: str, **settings: Any) -> dict[str, Any]:
 
 def say_files(directory: Path, *names: str) -> None:
     """Say where the results are."""
-    console.print(f"wrote {', '.join(names)} in {_escape(str(directory))}", soft_wrap=True)
+    console.print(f"wrote {', '.join(names)} in {escape(str(directory))}", soft_wrap=True)
 
 
 def headed_table(*headings: str, title: str | None = None) -> Table:
     """A table whose headings keep their units in square brackets, which are no markup."""
-    return Table(*(_escape(heading) for heading in headings), title=title)
+    return Table(*(escape(heading) for heading in headings), title=title)
 
 
 def _show_warning(message: Any, category: Any, *args: Any, **kwargs: Any) -> None:
-    messages.print(f"[yellow]warning[/] {_escape(str(message))}", soft_wrap=True)
+    messages.print(f"[yellow]warning[/] {escape(str(message))}", soft_wrap=True)
 
 
-def _escape(text: str) -> str:
+def escape(text: str) -> str:
     return text.replace("[", "\\[")

@@ -17,8 +17,12 @@ from wheelhop.identification.objective import Evaluation, Task, evaluate, losses
 from wheelhop.identification.parameters import SearchSpace
 from wheelhop.staging import staged_jit
 
+ON_BOUND = 800.0
+"""Free number, or its negative, of a parameter that lies on its bound to the last digit."""
+
 _FLATTEST = 1e-10
 _LINE_STEPS = 8
+_REACH = 4.0
 
 
 class Settings(NamedTuple):
@@ -114,23 +118,31 @@ def _descend(
         if mode == "reverse":
             best = best._replace(normal=_normal(space)(free, task))
             log.count(len(starts))
-        whitening = _whitening_of(best.normal)
+        whitening = _whitening_of(best.normal, best.gradient, free)
         center, z = free, jnp.zeros_like(free)
-        state = jax.vmap(_solver(settings.memory).init)(z)
+        promised = _promised(best.gradient, whitening)
+        converged |= _promises_nothing(promised, best.loss, tolerance)
+        if converged.all():
+            break
+        state = _begin(settings.memory)(z)
         for _ in range(min(settings.refresh, settings.iterations - done)):
             z, state, loss, promised, trials = climb(z, state, center, whitening, task)
             done += 1
             log.add(np.asarray(loss), len(starts) * (1 + int(np.max(trials))))
-            converged = _promises_nothing(promised, loss, tolerance)
-            if converged.all():
+            if _promises_nothing(promised, loss, tolerance).all():
                 break
         new = _moved(center, whitening, z)
         found = derive(new, task)
         log.add(np.asarray(found.loss), len(starts))
         before = np.asarray(best.loss)
         free, best = _chosen(found.loss <= best.loss, (new, found), (free, best))
+        at_bounds = _at_bounds(free, best)
+        if bool(jnp.any(at_bounds != free)):
+            found = derive(at_bounds, task)
+            log.add(np.asarray(found.loss), len(starts))
+            free, best = _chosen(found.loss <= best.loss, (at_bounds, found), (free, best))
         # a start to which a whole round brought nothing cannot do better
-        converged |= before - np.asarray(best.loss) <= tolerance * before
+        converged = before - np.asarray(best.loss) <= tolerance * before
     return Descended(
         np.asarray(free),
         np.asarray(best.loss),
@@ -214,18 +226,19 @@ def _compiled(space: SearchSpace, mode: str, memory: int) -> tuple[Any, Any]:
         return losses(free, task, space), True
 
     def iterate(z: Any, state: Any, center: Any, whitening: Any, task: Task) -> Any:
-        found = derive(_moved(center, whitening, z), task)
-        slope = jnp.einsum("sij,si->sj", whitening, found.gradient)
+        free, back = jax.vjp(lambda z: _moved(center, whitening, z), z)
+        found = derive(free, task)
+        (slope,) = back(found.gradient)
 
         def one(z: Any, state: Any, slope: Any, loss: Any, center: Any, whitening: Any) -> Any:
             def along(z: Any) -> Any:
-                return value(center + whitening @ z, task)
+                return value(_moved(center[None], whitening[None], z[None])[0], task)
 
             updates, state = solver.update(slope, state, z, value=loss, grad=slope, value_fn=along)
             return optax.apply_updates(z, updates), state
 
-        z, state = jax.vmap(one)(z, state, slope, found.loss, center, whitening)
-        promised = 0.25 * jnp.sum(slope * slope, axis=1)
+        z, state = _strong(jax.vmap(one)(z, state, slope, found.loss, center, whitening))
+        promised = _promised(found.gradient, whitening)
         return z, state, found.loss, promised, state[-1].info.num_linesearch_steps
 
     return staged_jit(derive), staged_jit(iterate)
@@ -237,11 +250,33 @@ def _normal(space: SearchSpace) -> Any:
 
 
 def _moved(center: Any, whitening: Any, z: Any) -> Any:
-    return center + jnp.einsum("sij,sj->si", whitening, z)
+    """theta = theta_0 + r tanh(W z / r): no round moves a free number by more than r."""
+    return center + _REACH * jnp.tanh(jnp.einsum("sij,sj->si", whitening, z) / _REACH)
+
+
+@jax.jit
+def _at_bounds(free: Any, found: Evaluation) -> Any:
+    """Free numbers with those put on their bound that would need many steps to get there.
+
+    Those whose loss is bent by the logistic map more than by the data, and falls outwards.
+    """
+    outward = found.gradient * (1.0 - 2.0 * jax.nn.sigmoid(free))
+    close = 0.5 * outward > jnp.diagonal(found.normal, axis1=1, axis2=2)
+    return jnp.where(close, jnp.sign(free) * ON_BOUND, free)
+
+
+def _promised(gradient: Any, whitening: Any) -> Any:
+    """Decrease that the quadratic model J + g d + |W^-1 d|^2 promises, [starts].
+
+    Its step is cut where it would be longer than a round may go: near a bound the loss hardly
+    depends on the free number, and the model promises what no step can keep.
+    """
+    newton = -0.5 * jnp.einsum("sij,skj,sk->si", whitening, whitening, gradient)
+    return -0.5 * jnp.sum(gradient * jnp.clip(newton, -_REACH, _REACH), axis=1)
 
 
 def _promises_nothing(promised: Any, loss: Any, tolerance: float) -> np.ndarray:
-    """Where |slope|^2 / 4, what the quadratic model J + slope z + |z|^2 promises, is next to none.
+    """Where the promised decrease is next to none.
 
     A loss at the rounding of its own sums is as good as zero.
     """
@@ -259,8 +294,26 @@ def _chosen(mask: Any, new: Any, old: Any) -> Any:
 
 
 @jax.jit
-def _whitening_of(normal: Any) -> Any:
-    """W of the whitened coordinates, [starts, n, n]."""
-    values, vectors = jnp.linalg.eigh(normal)
+def _whitening_of(normal: Any, gradient: Any, free: Any) -> Any:
+    """W of the whitened coordinates, [starts, n, n].
+
+    Near a bound the Gauss-Newton matrix vanishes with the square of the distance, and what bends
+    the loss is the logistic map p(theta) itself: J_p p'' = J_theta p'' / p', with
+    p'' / p' = 1 - 2 sigmoid(theta).
+    """
+    bent = 0.5 * jnp.maximum(gradient * (1.0 - 2.0 * jax.nn.sigmoid(free)), 0.0)
+    whole = normal + jax.vmap(jnp.diag)(bent)
+    values, vectors = jnp.linalg.eigh(whole)
     floor = jnp.maximum(_FLATTEST * values[:, -1:], jnp.finfo(normal.dtype).tiny)
     return vectors / jnp.sqrt(jnp.maximum(values, floor))[:, None, :]
+
+
+@lru_cache(maxsize=16)
+def _begin(memory: int) -> Any:
+    """The solver's first state."""
+    return jax.jit(lambda z: _strong(jax.vmap(_solver(memory).init)(z)))
+
+
+def _strong(tree: Any) -> Any:
+    """Arrays of definite type, so that a later state does not compile anew."""
+    return jax.tree.map(lambda a: jax.lax.convert_element_type(a, a.dtype), tree)

@@ -119,7 +119,9 @@ def prepare(
 
 
 def with_road(record: CornerRecord, road: Profile, reflect: bool = False) -> CornerRecord:
-    """The record with the elevation of a road that it drives along from x = 0.
+    """The record with the elevation of a road that it drives along.
+
+    x = 0 is one sampling interval before the first sample, where drives begin.
 
     Args:
         record: checked one, whose speed is integrated to distance.
@@ -129,7 +131,8 @@ def with_road(record: CornerRecord, road: Profile, reflect: bool = False) -> Cor
     Raises:
         InputError: if the record drives beyond the road.
     """
-    x = np.concatenate([[0.0], np.cumsum(0.5 * (record.v[1:] + record.v[:-1]) * np.diff(record.t))])
+    moved = np.cumsum(0.5 * (record.v[1:] + record.v[:-1]) * np.diff(record.t))
+    x = record.v[0] * record.dt + np.concatenate([[0.0], moved])
     spacing = float(np.median(np.diff(x)))
     z = elevation_at(without_aliases(road, max(spacing, 1e-3)), x, reflect)
     return replace(record, elevation=np.asarray(z, float))

@@ -13,7 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from wheelhop.errors import DivergenceError, InputError, InputWarning
-from wheelhop.identification.descent import Descended, OnProgress, Settings, descend
+from wheelhop.identification.descent import (
+    ON_BOUND,
+    Descended,
+    OnProgress,
+    Settings,
+    descend,
+)
 from wheelhop.identification.drives import SETTLING, Prepared, prepare
 from wheelhop.identification.loss import Sums, block_sums
 from wheelhop.identification.objective import (
@@ -40,7 +46,6 @@ POOR_FIT = 0.5
 """Unexplained share of the measured accelerations beyond which a fit is called poor."""
 
 _AT_BOUND = 1e-12
-_EDGE = 800.0
 
 
 @dataclass(frozen=True)
@@ -151,7 +156,9 @@ def _result(
     free = jnp.asarray(found.free[best], task.weight.dtype)
     compiled = _compiled(space)
     bounds = _at_bounds(free, float(found.loss[best]), task, compiled)
-    free = jnp.asarray([_EDGE * b if b else f for b, f in zip(bounds, free.tolist(), strict=True)])
+    free = jnp.asarray(
+        [ON_BOUND * b if b else f for b, f in zip(bounds, free.tolist(), strict=True)]
+    )
     free = free.astype(task.weight.dtype)
     exact = [
         (space.lower[k] if b < 0 else space.upper[k]) if b else float(v)
@@ -223,7 +230,7 @@ def _compiled(space: SearchSpace) -> _Compiled:
 def _at_bounds(free: Any, loss: float, task: Task, compiled: _Compiled) -> list[int]:
     """-1 or 1 where the loss does not rise on the way to the lower or upper bound, else 0."""
     n = len(free)
-    moved = [free.at[k].set(side * _EDGE) for k in range(n) for side in (-1, 1)]
+    moved = [free.at[k].set(side * ON_BOUND) for k in range(n) for side in (-1, 1)]
     there = np.asarray(compiled.losses(jnp.stack(moved), task)).reshape(n, 2)
     flat = there <= loss * (1.0 + _AT_BOUND)
     return [-1 if low else (1 if high else 0) for low, high in flat.tolist()]

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from wheelhop.errors import InputError
+from wheelhop.errors import DivergenceError, InputError
 from wheelhop.staging import staged_jit
 from wheelhop.vehicle.simulation import RATE, SUBSTEPS, Signals, simulate_vehicle
 
@@ -41,6 +41,7 @@ def fleet_simulator(
     keep: Callable[[Signals], Any] = keep_all,
     lanes: int = LANES,
     devices: Sequence[Any] | None = None,
+    check: bool = True,
 ) -> Callable[..., Any]:
     """A compiled drive of many vehicles.
 
@@ -53,6 +54,8 @@ def fleet_simulator(
         keep: chooses what to store of the signals, entries [time, ..., lanes].
         lanes: vehicles per chunk.
         devices: that share the chunks; the first alone by default.
+        check: wait for the result and refuse one with a run whose last state, or what is kept of
+            it, is not finite; otherwise such numbers are returned.
 
     Returns:
         A function of `ARGUMENTS`, all leaves arrays of one floating type; it returns what `keep`
@@ -60,6 +63,7 @@ def fleet_simulator(
 
     Raises:
         InputError: for lanes that are not positive, or (when called) run axes that differ.
+        DivergenceError: (when called) naming the first run that left the finite numbers.
     """
     if lanes < 1:
         raise InputError("lanes", f"{lanes} vehicles per chunk", "Give at least 1.")
@@ -70,10 +74,12 @@ def fleet_simulator(
             _in_lanes(tree, axes, name)
             for tree, axes, name in zip(arguments, in_axes, ARGUMENTS, strict=True)
         )
-        signals = simulate_vehicle(
+        last, signals = simulate_vehicle(
             initial, vehicle, maneuver, road, pressure, around, samples, rate, substeps
-        )[1]
-        return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), keep(signals))
+        )
+        kept = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), keep(signals))
+        ends = [jnp.moveaxis(leaf, -1, 0) for leaf in last]
+        return kept, _finite([*ends, *jax.tree.leaves(kept)]) if check else ()
 
     def one_device(varying: list[Any], shared: list[Any], structure: Any, mask: Any) -> Any:
         def run(part: list[Any]) -> Any:
@@ -102,10 +108,39 @@ def fleet_simulator(
             compiled[structure, mask] = _compile(
                 lambda v, s: one_device(v, s, structure, mask), places
             )
-        found = compiled[structure, mask](varying, shared)
-        return jax.tree.map(lambda leaf: leaf.reshape((-1, *leaf.shape[2:]))[:runs], found)
+        found, finite = jax.tree.map(
+            lambda leaf: _on_one(leaf, places).reshape((-1, *leaf.shape[2:]))[:runs],
+            compiled[structure, mask](varying, shared),
+        )
+        if check:
+            _raise_if_diverged(np.asarray(finite))
+        return found
 
     return call
+
+
+def _on_one(leaf: Any, places: tuple[Any, ...]) -> Any:
+    """The array on the first device, by way of the host.
+
+    To reshape it where it lies is a collective of the devices for every leaf, and those of several
+    leaves in flight can wait for each other for ever.
+    """
+    return leaf if len(places) == 1 else jax.device_put(np.asarray(leaf), places[0])
+
+
+def _finite(leaves: list[Any]) -> Any:
+    """Of every run, whether all its numbers are finite; leaves [runs, ...]."""
+    rows = [leaf.reshape((leaf.shape[0], -1)) for leaf in leaves]
+    return jnp.stack([jnp.isfinite(row).all(-1) for row in rows]).all(0)
+
+
+def _raise_if_diverged(finite: np.ndarray) -> None:
+    bad = np.flatnonzero(~finite)
+    if bad.size:
+        raise DivergenceError(
+            f"{bad.size} of {finite.size} runs left the finite numbers, the first is run "
+            f"{bad[0]}: look at its vehicle, road and maneuver, or take shorter steps (substeps)"
+        )
 
 
 def _compile(function: Callable[..., Any], devices: tuple[Any, ...]) -> Callable[..., Any]:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
+from wheelhop.vehicle.arctangent import arctan
 from wheelhop.vehicle.magic_formula_parameters import MagicFormula
 
 LARGEST_SLIP = 1.5
@@ -128,7 +129,7 @@ def _stiffness_y(ratio: Any, camber: Any, pressure: Any, t: MagicFormula) -> Any
     """Slope of F_y over F_z per tan(alpha) at the centre of the curve; negative in ISO axes."""
     dp = _relative_pressure(pressure, t)
     place = (t.pky2 + t.pky5 * camber * camber) * (1.0 + t.ppy2 * dp)
-    wave = jnp.sin(t.pky4 * jnp.arctan(ratio / place))
+    wave = jnp.sin(t.pky4 * arctan(ratio / place))
     scale = t.pky1 * (1.0 + t.ppy1 * dp) * (1.0 - t.pky3 * jnp.abs(camber)) * t.lky
     return scale * wave / ratio
 
@@ -173,7 +174,7 @@ def _sine(slip: Any, peak: Any, shape: Any, curvature: Any, stiffness: Any) -> A
     product = shape * peak
     divisor = jnp.where(jnp.abs(product) > 1e-6, product, 1e-6)
     bx = stiffness / divisor * slip
-    return peak * jnp.sin(shape * jnp.arctan(bx - curvature * (bx - jnp.arctan(bx))))
+    return peak * jnp.sin(shape * arctan(bx - curvature * (bx - arctan(bx))))
 
 
 def _weight(slip: Any, slope: Any, shape: Any, curvature: Any, shift: Any) -> Any:
@@ -181,7 +182,7 @@ def _weight(slip: Any, slope: Any, shape: Any, curvature: Any, shift: Any) -> An
 
     def cosine(x: Any) -> Any:
         bx = slope * x
-        return jnp.cos(shape * jnp.arctan(bx - curvature * (bx - jnp.arctan(bx))))
+        return jnp.cos(shape * arctan(bx - curvature * (bx - arctan(bx))))
 
     return jnp.maximum(cosine(slip + shift) / cosine(shift), 0.0)
 
@@ -207,7 +208,7 @@ def _weighted(
     weight = _weight(kappa, slope, t.rcy1, curvature, t.rhy1 + t.rhy2 * dfz)
     induced = y.friction * (t.rvy1 + t.rvy2 * dfz + t.rvy3 * camber)
     induced = induced * _cos_atan(t.rvy4 * tan_alpha)
-    induced = induced * jnp.sin(t.rvy5 * jnp.arctan(t.rvy6 * kappa)) * t.lvyka
+    induced = induced * jnp.sin(t.rvy5 * arctan(t.rvy6 * kappa)) * t.lvyka
     return force_x, (y.even + y.vertical_shift) * weight + induced
 
 

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from wheelhop.errors import InputError, require_in_range
+from wheelhop.vehicle.arctangent import arctan
 
 
 @jax.tree_util.register_dataclass
@@ -75,7 +76,8 @@ def vertical_load(deflection: Any, rate: Any, spin: Any, pressure: Any, tire: Ve
         tire.q_fz1 * strain + tire.q_fz2 * strain * strain
     )
     load = jnp.maximum(elastic + tire.damping * rate, 0.0)
-    return jnp.where(deflection > 0.0, load, 0.0)
+    # asked this way round, what is not a number gives no plausible load
+    return jnp.where(deflection <= 0.0, 0.0, load)
 
 
 def vertical_stiffness(deflection: Any, spin: Any, pressure: Any, tire: VerticalTire) -> Any:
@@ -91,7 +93,7 @@ def vertical_stiffness(deflection: Any, spin: Any, pressure: Any, tire: Vertical
         tire.unloaded_radius
     )
     stiffness = _load_per_quadratic(spin, pressure, tire) * slope
-    return jnp.where(deflection > 0.0, stiffness, 0.0)
+    return jnp.where(deflection <= 0.0, 0.0, stiffness)
 
 
 def deflection_at_load(load: Any, spin: Any, pressure: Any, tire: VerticalTire) -> Any:
@@ -130,7 +132,7 @@ def effective_radius(deflection: Any, tire: VerticalTire) -> Any:
     """
     reference = tire.rated_load / nominal_stiffness(tire)
     relative = jnp.maximum(deflection, 0.0) / reference
-    drop = tire.d_reff * jnp.arctan(tire.b_reff * relative) + tire.f_reff * relative
+    drop = tire.d_reff * arctan(tire.b_reff * relative) + tire.f_reff * relative
     return tire.unloaded_radius - reference * drop
 
 
@@ -141,9 +143,9 @@ def contact_half_length(deflection: Any, tire: VerticalTire) -> Any:
         deflection: rho [m], any shape; zero length without contact.
         tire: parameters.
     """
-    touching = deflection > 0.0
-    square = tire.unloaded_radius * jnp.where(touching, deflection, 1.0)
-    return jnp.where(touching, tire.contact_factor * jnp.sqrt(square), 0.0)
+    apart = deflection <= 0.0
+    square = tire.unloaded_radius * jnp.where(apart, 1.0, deflection)
+    return jnp.where(apart, 0.0, tire.contact_factor * jnp.sqrt(square))
 
 
 def linear_vertical_tire(
