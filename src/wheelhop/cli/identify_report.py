@@ -10,7 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from wheelhop.cli.identify_files import number, write_identification
-from wheelhop.cli.session import escape, console, headed_table
+from wheelhop.cli.session import console, escape, headed_table
 from wheelhop.identification import Identification
 from wheelhop.identification.parameters import value_of
 from wheelhop.identification.replay import Replay

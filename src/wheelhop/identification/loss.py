@@ -41,22 +41,35 @@ class Sums(NamedTuple):
 
 
 def step(
-    x: RelativeState, car: QuarterCar, pressure: Any, rise: Any, slope: Any, dt: Any
+    x: RelativeState, car: QuarterCar, pressure: Any, rise: Any, slopes: tuple[Any, Any], dt: Any
 ) -> tuple[RelativeState, Accelerations]:
-    """The quarter car one step later, and its accelerations then.
+    """The quarter car one step later, and its accelerations then; of fourth order in the step.
+
+    The road's velocity is the parabola with the given rise and end slopes.
 
     Args:
         x: state.
         car: parameters.
         pressure: of the tyre [Pa].
-        rise: of the road over the step [m], taken as straight.
-        slope: the road's velocity at the step's end [m/s], for the tyre's damper.
+        rise: of the road over the step [m].
+        slopes: the road's velocity at the step's beginning and end [m/s].
         dt: step [s].
     """
     stiffness = stiffness_from_pressure(pressure, car.tire)
-    velocity = rise / dt
-    x = rk4(lambda s: relative_derivative(s, stiffness, velocity, car), x, dt, staged=False)
-    return x, accelerations(x, stiffness, car, slope)
+    first, last = slopes
+    middle = 1.5 * rise / dt - 0.25 * (first + last)
+
+    def slope(at: tuple[Any, RelativeState]) -> tuple[Any, RelativeState]:
+        t, state = at
+        velocity = (
+            first * (1.0 - 2.0 * t) * (1.0 - t)
+            + 4.0 * middle * t * (1.0 - t)
+            + last * t * (2.0 * t - 1.0)
+        )
+        return jnp.ones_like(dt) / dt, relative_derivative(state, stiffness, velocity, car)
+
+    _, x = rk4(slope, (jnp.zeros_like(dt), x), dt, staged=False)
+    return x, accelerations(x, stiffness, car, last)
 
 
 def block_squares(car: QuarterCar, drive: Drives) -> Any:
@@ -72,8 +85,8 @@ def block_squares(car: QuarterCar, drive: Drives) -> Any:
 
     def sample(carry: Any, now: Any) -> tuple[Any, None]:
         x, total = carry
-        rise, slope, pressure, a_s, a_u, count_s, count_u = now
-        x, a = advance(x, car, pressure, rise, slope, drive.dt)
+        rise, slopes, pressure, a_s, a_u, count_s, count_u = now
+        x, a = advance(x, car, pressure, rise, slopes, drive.dt)
         e_s, e_u = count_s * (a.a_s - a_s), count_u * (a.a_u - a_u)
         return (x, (total[0] + e_s * e_s, total[1] + e_u * e_u)), None
 
@@ -83,7 +96,7 @@ def block_squares(car: QuarterCar, drive: Drives) -> Any:
         (x, total), _ = jax.lax.scan(sample, (x, (zero, zero)), piece)
         return x, jnp.stack(total)
 
-    return jax.lax.scan(block, _rest(drive), tuple(drive)[:-1])[1]
+    return jax.lax.scan(block, _rest(drive), inputs_of(drive))[1]
 
 
 def block_sums(free: Any, space: SearchSpace, base: QuarterCar, drive: Drives) -> Sums:
@@ -110,9 +123,9 @@ def block_sums(free: Any, space: SearchSpace, base: QuarterCar, drive: Drives) -
 
     def sample(carry: Any, now: Any) -> tuple[Any, None]:
         x, tangents, total = carry
-        rise, slope, pressure, a_s, a_u, count_s, count_u = now
+        rise, slopes, pressure, a_s, a_u, count_s, count_u = now
         (x, a), (tangents, a_by) = moving(
-            x, tangents, car, by_free, pressure, rise, slope, drive.dt
+            x, tangents, car, by_free, pressure, rise, slopes, drive.dt
         )
         by_channel = ([b.a_s for b in a_by], [b.a_u for b in a_by])
         return (x, tangents, add(total, a, by_channel, (a_s, a_u), (count_s, count_u))), None
@@ -124,7 +137,14 @@ def block_sums(free: Any, space: SearchSpace, base: QuarterCar, drive: Drives) -
         return (x, tangents), _stacked(total)
 
     rest = _rest(drive)
-    return jax.lax.scan(block, (rest, [rest] * n), tuple(drive)[:-1])[1]
+    return jax.lax.scan(block, (rest, [rest] * n), inputs_of(drive))[1]
+
+
+def inputs_of(drive: Drives) -> tuple[Any, ...]:
+    """What a step takes of a record: rise, both slopes, pressure, measurements, counts."""
+    before = jnp.concatenate([jnp.zeros_like(drive.slope.ravel()[:1]), drive.slope.ravel()[:-1]])
+    slopes = (before.reshape(drive.slope.shape), drive.slope)
+    return (drive.rise, slopes, *drive[2:-1])
 
 
 def _added(total: Any, a: Any, a_by: Any, measured: Any, counts: Any) -> Any:

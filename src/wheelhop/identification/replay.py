@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from wheelhop.identification.drives import SETTLING, Drives, prepare
-from wheelhop.identification.loss import step
+from wheelhop.identification.loss import inputs_of, step
 from wheelhop.staging import stage, staged_jit
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.quarter_car import Accelerations, RelativeState
@@ -82,13 +82,13 @@ def driven() -> Any:
         advance = stage(step)
 
         def sample(x: RelativeState, now: Any) -> tuple[RelativeState, Any]:
-            pressure, rise, slope = now
-            x, a = jax.vmap(lambda s, c: advance(s, c, pressure, rise, slope, drive.dt))(x, cars)
+            rise, slopes, pressure = now
+            x, a = jax.vmap(lambda s, c: advance(s, c, pressure, rise, slopes, drive.dt))(x, cars)
             return x, (a, x.v_s - x.v_u)
 
         zero = jnp.zeros_like(cars.sprung_mass)
         rest = RelativeState(zero, zero, zero, zero)
-        inputs = tuple(a.ravel() for a in (drive.pressure, drive.rise, drive.slope))
+        inputs = jax.tree.map(jnp.ravel, inputs_of(drive)[:3])
         return jax.lax.scan(sample, rest, inputs)[1]
 
     return staged_jit(lambda cars, drives: jax.vmap(lambda drive: along(cars, drive))(drives))
