@@ -26,12 +26,12 @@ def test_errors_are_those_of_a_numpy_simulation():
     true = {name: float(v) for name, v in zip(ALL.names, ALL.values(FREE[0]), strict=True)}
     deviation = []
     for rate in (500.0, 2000.0):
-        r = record(2, 22.0, 230e3, 3.2, rate)
-        prepared = prepare([r])
+        r = record(2, 22.0, 230e3, 4.0, rate)
+        prepared = prepare([r], settling=1.9)
         found = mean_squares(FREE, task_of(START, prepared.drives), ALL)[0, 0]
         road = waves(np.random.default_rng(2), 64e-6, 22.0)
-        a_s, a_u, _ = simulate(road, 230e3, 3.2, rate, true)
-        judged = r.t - r.t[0] >= 1.0
+        a_s, a_u, _ = simulate(road, 230e3, 4.0, rate, true)
+        judged = r.t - r.t[0] >= 1.9
         pairs = ((a_s, r.a_s), (a_u, r.a_u))
         expected = [np.mean((ours - measured)[judged] ** 2) for ours, measured in pairs]
         deviation.append(np.abs(np.asarray(found) / expected - 1.0))
