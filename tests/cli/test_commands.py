@@ -52,7 +52,16 @@ def road_file(path, length=60.0, spacing=0.1):
     return path
 
 
-COMMANDS = ("demo", "estimate", "simulate", "road", "montecarlo", "vehicle")
+COMMANDS = (
+    "demo",
+    "estimate",
+    "identify",
+    "simulate",
+    "road",
+    "montecarlo",
+    "vehicle",
+    "reproduce",
+)
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -1,17 +1,16 @@
-"""`wheelhop identify`: a quarter car's parameters from logs with a known road."""
+"""`wheelhop identify`: a quarter car's parameters from logs, with a known road or without."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from wheelhop.cli.estimate import refuse_front_for_rear
+from wheelhop.cli.identify_blind import blind_options, fit_blind, refuse_blind_only, say_unused
+from wheelhop.cli.identify_blind_report import report_blind
 from wheelhop.cli.identify_logs import (
     each_once,
     read_named_log,
@@ -20,6 +19,7 @@ from wheelhop.cli.identify_logs import (
     with_elevation,
     with_pressure,
 )
+from wheelhop.cli.identify_progress import fit_bar
 from wheelhop.cli.identify_report import report_identification
 from wheelhop.cli.session import (
     OutDirectory,
@@ -27,16 +27,19 @@ from wheelhop.cli.session import (
     Seed,
     command,
     computing,
-    messages,
     provenance,
 )
 from wheelhop.cli.vehicle import VehicleFile, load_vehicle
-from wheelhop.errors import InputError, InputWarning, require_in_range
+from wheelhop.errors import InputError, require_in_range
 from wheelhop.identification import SUSPENSION, Settings, search_space
 from wheelhop.identification import identify as fit
+from wheelhop.identification.blind import NOISE
+from wheelhop.identification.blind import STARTS as BLIND_STARTS
 from wheelhop.identification.drives import SETTLING, prepare
 from wheelhop.identification.identify import STARTS
 from wheelhop.identification.replay import replay
+from wheelhop.identification.scoring import Ascent
+from wheelhop.identification.unknown_road import SETTLING as BLIND_SETTLING
 from wheelhop.io.results import require_writable
 
 
@@ -70,15 +73,41 @@ def identify(
     reflect: Annotated[
         bool, typer.Option("--reflect", help="Continue a short road there and back.")
     ] = False,
+    blind: Annotated[
+        bool, typer.Option("--blind", help="Fit without a road, and each log's road level too.")
+    ] = False,
+    waviness: Annotated[
+        str | None,
+        typer.Option(metavar="W|fit", help="With --blind: of all roads, 1 to 3; default 2."),
+    ] = None,
+    noise: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A_S,A_U|fit",
+            help=f"With --blind: of the accelerometers [m/s^2]; default {NOISE:g},{NOISE:g}.",
+        ),
+    ] = None,
     starts: Annotated[
-        int, typer.Option(help="Starting points: the vehicle's values and random ones around.")
-    ] = STARTS,
+        int | None,
+        typer.Option(
+            help="Starting points: the vehicle's values and random ones around; "
+            f"default {STARTS}, blind {BLIND_STARTS}."
+        ),
+    ] = None,
     iterations: Annotated[
-        int, typer.Option(help="Most L-BFGS iterations, after the warm-up.")
-    ] = Settings().iterations,
+        int | None,
+        typer.Option(
+            help=f"Most L-BFGS iterations, after the warm-up; default {Settings().iterations}. "
+            f"Blind: most scoring iterations; default {Ascent().iterations}."
+        ),
+    ] = None,
     settling: Annotated[
-        float, typer.Option(help="Time at each log's start that is not judged [s].")
-    ] = SETTLING,
+        float | None,
+        typer.Option(
+            help="Time at each log's start that is not judged [s]; "
+            f"default {SETTLING:g}, blind {BLIND_SETTLING:g}."
+        ),
+    ] = None,
     units: Annotated[
         Path | None,
         typer.Option(help="TOML with [units] and [columns]; default LOG.toml if there."),
@@ -93,12 +122,27 @@ def identify(
     starting points, and says how well the logs determine each parameter. Logs at several pressures
     and speeds tell more than one long log.
 
+    Without a road, --blind maximises the likelihood that a filter gives the accelerations, over
+    the car and the level of each log's road, and is less certain.
+
     Example: wheelhop identify drive-130.parquet drive-230.parquet --out fit
+
+    Example: wheelhop identify drive-130.parquet drive-230.parquet --blind --noise fit --out fit
 
     Then: wheelhop estimate drive.csv --vehicle fit/vehicle.toml
     """
     require_writable(out)
     space = search_space(_names(parameters), _bounds(bounds or []))
+    options = None
+    usual: tuple[int, int, float] = (STARTS, Settings().iterations, SETTLING)
+    if blind:
+        options = blind_options(space, waviness, noise, road, track, reflect)
+        usual = BLIND_STARTS, Ascent().iterations, BLIND_SETTLING
+    else:
+        refuse_blind_only(waviness, noise)
+    starts = usual[0] if starts is None else starts
+    iterations = usual[1] if iterations is None else iterations
+    settling = usual[2] if settling is None else settling
     require_in_range("--starts", starts, 1, 1000, "starting points")
     require_in_range("--iterations", iterations, 1, 10_000, "iterations")
     with computing(precision):
@@ -107,15 +151,39 @@ def identify(
         records = [read_named_log(path, units, corner) for path in paths]
         names = short_names(paths)
         records = with_pressure(records, names, pressure)
-        records = with_elevation(records, names, road, track, reflect)
+        if options is None:
+            records = with_elevation(records, names, road, track, reflect)
         car, start_name = load_vehicle(vehicle)
         # refused here, before a progress bar begins
         require_pressures(records, names, car)
         space.free(car)
+        made_by = provenance(
+            "identify",
+            precision,
+            logs=[str(path) for path in paths],
+            corner=corner,
+            vehicle=start_name,
+            parameters=space.names,
+            bounds=dict(zip(space.names, zip(space.lower, space.upper, strict=True), strict=True)),
+            pressure_kPa=pressure,
+            road=None if road is None else str(road),
+            track=track,
+            reflect=reflect,
+            **({} if options is None else options.settings()),
+            starts=starts,
+            iterations=iterations,
+            settling_s=settling,
+            seed=seed,
+        )
+        if options is not None:
+            say_unused(records, names, car)
+            found_blind = fit_blind(
+                records, names, car, space, options, starts, iterations, settling, seed
+            )
+            report_blind(found_blind, out, made_by)
+            return
         prepare(records, names, settling)
-        with descent_bar() as advance, warnings.catch_warnings():
-            # the report tells the same problems
-            warnings.filterwarnings("ignore", "identification: ", InputWarning)
+        with fit_bar("descending", lambda loss: f"leaves {loss:.3%} unexplained") as advance:
             found = fit(
                 records,
                 car,
@@ -128,46 +196,7 @@ def identify(
                 on_progress=advance,
             )
         replays = replay(records, found.start, found.car, names, settling)
-    made_by = provenance(
-        "identify",
-        precision,
-        logs=[str(path) for path in paths],
-        corner=corner,
-        vehicle=start_name,
-        parameters=space.names,
-        bounds=dict(zip(space.names, zip(space.lower, space.upper, strict=True), strict=True)),
-        pressure_kPa=pressure,
-        road=None if road is None else str(road),
-        track=track,
-        reflect=reflect,
-        starts=starts,
-        iterations=iterations,
-        settling_s=settling,
-        seed=seed,
-    )
     report_identification(found, replays, out, made_by)
-
-
-@contextmanager
-def descent_bar() -> Iterator[Callable[[int, int, float], None]]:
-    """A progress bar; yields a function of iterations done, at most, and the unexplained share."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("iterations{task.fields[best]}"),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=messages) as bar:
-        task = bar.add_task("compiling", total=None, best="")
-
-        def advance(done: int, most: int, best: float) -> None:
-            told = f", best start leaves {best:.3%} unexplained"
-            bar.update(
-                task, description="descending", completed=done, total=max(done, most), best=told
-            )
-
-        yield advance
 
 
 def _names(text: str) -> tuple[str, ...]:

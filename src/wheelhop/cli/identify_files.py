@@ -10,8 +10,10 @@ import numpy as np
 
 from wheelhop.cli.session import say_files
 from wheelhop.identification import Identification
+from wheelhop.identification.descent import Descended
 from wheelhop.identification.replay import Replay
 from wheelhop.identification.summary import (
+    AnyIdentification,
     descent_norms,
     parameter_note,
     summarise_identification,
@@ -45,10 +47,12 @@ def write_identification(
         "correlation.png": plot_correlation(found),
     }
     directory = output_directory(out)
-    write_vehicle(directory / "vehicle.toml", found.car, _comment(found, made_by), _notes(found))
+    worth = f"norm of the rms errors {found.loss:.4g} m/s^2, {found.unexplained:.2%} unexplained"
+    write_fitted_vehicle(directory / "vehicle.toml", found, worth, made_by)
     for name, figure in figures.items():
         write_figure(directory / name, figure)
-    _write_history(directory / "history.parquet", found)
+    norms = descent_norms(found)
+    write_history(directory / "history.parquet", found.descent, "loss", norms, "m/s^2")
     _write_replays(directory / "replay.parquet", replays)
     results = {**summarise_identification(found), "physical_reading": readings}
     write_json(directory / "summary.json", {**made_by, "results": results})
@@ -57,22 +61,31 @@ def write_identification(
     )
 
 
-def _comment(found: Identification, made_by: dict[str, Any]) -> str:
-    """Where the vehicle's file comes from."""
+def write_fitted_vehicle(
+    path: Path, found: AnyIdentification, worth: str, made_by: dict[str, Any]
+) -> None:
+    """Write the fitted vehicle, with where it comes from and how well it is known.
+
+    Args:
+        path: of the file.
+        found: the identification.
+        worth: how good the fit is, in one line.
+        made_by: what made it.
+    """
     settings = made_by["settings"]
     lines = [
         f"wheelhop {made_by['wheelhop_version']} identify, seed {settings['seed']}, "
         f"{settings['starts']} starts, {settings['precision']}",
         f"logs: {', '.join(settings['logs'])}",
         f"start: {settings['vehicle']}",
-        f"norm of the rms errors {found.loss:.4g} m/s^2, {found.unexplained:.2%} unexplained; "
-        "+- is a standard error, the larger of both; lines without a note were not fitted",
+        f"{worth}; +- is a standard error, the larger of both; lines without a note were not "
+        "fitted",
         *(f"problem: {problem}" for problem in found.problems),
     ]
-    return "\n".join(lines)
+    write_vehicle(path, found.car, "\n".join(lines), _notes(found))
 
 
-def _notes(found: Identification) -> dict[str, str]:
+def _notes(found: AnyIdentification) -> dict[str, str]:
     """Standard error of each fitted parameter, by its place in the vehicle's file."""
     known = found.uncertainty
     notes = {}
@@ -85,17 +98,25 @@ def _notes(found: Identification) -> dict[str, str]:
     return notes
 
 
-def _write_history(path: Path, found: Identification) -> None:
-    norms, descent = descent_norms(found), found.descent
+def write_history(path: Path, descent: Descended, name: str, values: np.ndarray, unit: str) -> None:
+    """Write a column of values for each start, beside iterations, time and evaluations.
+
+    Args:
+        path: of the table.
+        descent: the iterations.
+        name: of the columns, which are numbered from 1.
+        values: [iterations + 1, starts].
+        unit: of the values.
+    """
     columns: dict[str, Any] = {
-        "iteration": np.arange(len(norms), dtype=np.int32),
-        "warm_up": np.arange(len(norms)) <= descent.warm_up,
+        "iteration": np.arange(len(values), dtype=np.int32),
+        "warm_up": np.arange(len(values)) <= descent.warm_up,
         "seconds": descent.seconds,
         "evaluations": descent.evaluations,
     }
     units = {"iteration": "1", "seconds": "s", "evaluations": "1"}
-    for k in range(norms.shape[1]):
-        columns[f"loss_{k + 1}"], units[f"loss_{k + 1}"] = norms[:, k], "m/s^2"
+    for k in range(values.shape[1]):
+        columns[f"{name}_{k + 1}"], units[f"{name}_{k + 1}"] = values[:, k], unit
     write_table(path, columns, units)
 
 

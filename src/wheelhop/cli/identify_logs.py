@@ -127,8 +127,8 @@ def with_elevation(
             raise InputError(
                 f"{names[lacking.index(True)]}: elevation",
                 "the log has no such column",
-                "Add the road's elevation under the wheel to the log, or name the measured road by "
-                "--road ROAD.csv.",
+                "Add the road's elevation under the wheel to the log, name the measured road by "
+                "--road ROAD.csv, or fit without a road by --blind.",
             )
         return list(records)
     if not any(lacking):

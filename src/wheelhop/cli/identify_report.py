@@ -15,6 +15,7 @@ from wheelhop.identification import Identification
 from wheelhop.identification.parameters import value_of
 from wheelhop.identification.replay import Replay
 from wheelhop.identification.summary import (
+    AnyIdentification,
     parameter_note,
     physical_reading,
     relative_errors,
@@ -38,17 +39,30 @@ def report_identification(
         made_by: what made it, for the summary and the vehicle.
     """
     readings = _readings(found, replays)
-    for table in (_parameters(found), _errors(found, replays), _physical(readings)):
+    for table in (parameter_table(found), _errors(found, replays), _physical(readings)):
         console.print(table)
-    for line in _verdict(found):
-        console.print(line, soft_wrap=True, markup=False, highlight=False)
-    for problem in found.problems:
-        console.print(f"[yellow]problem[/] {escape(problem)}", soft_wrap=True)
+    say_worth(found, _verdict(found))
     write_identification(found, replays, readings, out, made_by)
 
 
-def _parameters(found: Identification) -> Table:
-    """Narrow enough for 80 columns: names break at their dot, notes stand below the number."""
+def say_worth(found: AnyIdentification, lines: Sequence[str]) -> None:
+    """Print these lines, what the errors say, and the problems.
+
+    Args:
+        found: the identification.
+        lines: what the fit is worth, in plain words.
+    """
+    for line in (*lines, *_worth_of_errors(found)):
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
+    for problem in found.problems:
+        console.print(f"[yellow]problem[/] {escape(problem)}", soft_wrap=True)
+
+
+def parameter_table(found: AnyIdentification) -> Table:
+    """The car's parameters: start, fit and errors.
+
+    Narrow enough for 80 columns: names break at their dot, notes stand below the number.
+    """
     known = found.uncertainty
     table = headed_table(
         "parameter",
@@ -66,8 +80,7 @@ def _parameters(found: Identification) -> Table:
         column.justify = "right"
     relative = relative_errors(found)
     for k, name in enumerate(found.space.names):
-        percent, note = 100.0 * relative[k], parameter_note(found, k)
-        share = f">{_MOST_PERCENT}" if percent > _MOST_PERCENT else number(percent, 2)
+        share, note = percent(relative[k]), parameter_note(found, k)
         table.add_row(
             name.replace(".", ".\n"),
             found.space.units[k],
@@ -143,7 +156,7 @@ def _physical(readings: dict[str, Any]) -> Table:
 
 def _verdict(found: Identification) -> list[str]:
     """What the fit is worth, in plain words."""
-    known, descent = found.uncertainty, found.descent
+    descent = found.descent
     start = float(np.linalg.norm(found.start_rmse))
     seconds, simulations = descent.seconds[-1], int(descent.evaluations[-1])
     lines = [
@@ -160,6 +173,11 @@ def _verdict(found: Identification) -> list[str]:
                 f"the {name} is followed worse than by the start ({before[c]:.3g} to "
                 f"{after[c]:.3g} m/s^2): the larger errors, of the other one, decide"
             )
+    return lines
+
+
+def _worth_of_errors(found: AnyIdentification) -> list[str]:
+    known, lines = found.uncertainty, []
     if known.directions:
         lines.append(f"least known combination: {known.directions[-1]}")
     with np.errstate(invalid="ignore"):
@@ -171,6 +189,12 @@ def _verdict(found: Identification) -> list[str]:
             "leaves is no white noise, so trust the robust ones"
         )
     return lines
+
+
+def percent(share: float) -> str:
+    """A relative error in percent, to two digits."""
+    value = 100.0 * share
+    return f">{_MOST_PERCENT}" if value > _MOST_PERCENT else number(value, 2)
 
 
 def _pressure(one: Replay) -> float:

@@ -395,8 +395,8 @@ def _problems(
         if side:
             bound = space.lower[k] if side == "lower" else space.upper[k]
             problems.append(
-                f"{name} is at its {side} bound, {bound:g} {space.units[k]}: the records ask for "
-                "more, or say nothing of it; it is held there and has no standard error"
+                f"{name} is at its {side} bound, {bound:g} {space.units[k]}: the records want "
+                "it beyond, or say nothing of it; it is held there and has no standard error"
             )
     problems += [f"the records hardly determine {direction}" for direction in known.weak]
     misfits = [

@@ -13,7 +13,15 @@ import numpy as np
 import optax
 from jax.custom_batching import custom_vmap
 
-from wheelhop.identification.objective import Evaluation, Task, evaluate, losses
+from wheelhop.identification.loss import Sums
+from wheelhop.identification.objective import (
+    Evaluation,
+    Task,
+    candidate_sums,
+    evaluate,
+    losses,
+    of_sums,
+)
 from wheelhop.identification.parameters import SearchSpace
 from wheelhop.staging import staged_jit
 
@@ -107,33 +115,31 @@ def _descend(
     on_progress: OnProgress | None,
 ) -> Descended:
     log = _Log(settings.warm_up + settings.iterations, len(starts), on_progress)
-    derive, climb = _compiled(space, mode, settings.memory)
+    advance = _compiled_advance(space, settings.memory)
+    derive = derivatives(space, mode)
     free = jnp.asarray(starts, task.weight.dtype)
     free, best = _warm_up(free, derive, task, settings, log)
 
     tolerance = max(settings.tolerance, 20 * float(jnp.finfo(free.dtype).eps))
-    converged = np.zeros(len(starts), bool)
-    done = 0
-    while done < settings.iterations and not converged.all():
+    done, stuck = 0, np.zeros(len(starts), bool)
+    while True:
         if mode == "reverse":
-            best = best._replace(normal=_normal(space)(free, task))
+            best = best._replace(normal=derivatives(space, "forward")(free, task).normal)
             log.count(len(starts))
         whitening = _whitening_of(best.normal, best.gradient, free)
-        center, z = free, jnp.zeros_like(free)
         promised = _promised(best.gradient, whitening)
-        converged |= _promises_nothing(promised, best.loss, tolerance)
-        if converged.all():
+        converged = _promises_nothing(promised, best.loss, tolerance) | stuck
+        if done >= settings.iterations or converged.all():
             break
+        z, found = jnp.zeros_like(free), best
         state = _begin(settings.memory)(z)
         for _ in range(min(settings.refresh, settings.iterations - done)):
-            z, state, loss, promised, trials = climb(z, state, center, whitening, task)
+            z, new, state, trials = advance(z, state, found, free, whitening, task)
+            found = derive(new, task)
             done += 1
-            log.add(np.asarray(loss), len(starts) * (1 + int(np.max(trials))))
-            if _promises_nothing(promised, loss, tolerance).all():
+            log.add(np.asarray(found.loss), len(starts) * (1 + int(np.max(trials))))
+            if _promises_nothing(_promised(found.gradient, whitening), found.loss, tolerance).all():
                 break
-        new = _moved(center, whitening, z)
-        found = derive(new, task)
-        log.add(np.asarray(found.loss), len(starts))
         before = np.asarray(best.loss)
         free, best = _chosen(found.loss <= best.loss, (new, found), (free, best))
         at_bounds = _at_bounds(free, best)
@@ -142,7 +148,7 @@ def _descend(
             log.add(np.asarray(found.loss), len(starts))
             free, best = _chosen(found.loss <= best.loss, (at_bounds, found), (free, best))
         # a start to which a whole round brought nothing cannot do better
-        converged = before - np.asarray(best.loss) <= tolerance * before
+        stuck = before - np.asarray(best.loss) <= tolerance * before
     return Descended(
         np.asarray(free),
         np.asarray(best.loss),
@@ -208,13 +214,29 @@ def _solver(memory: int) -> optax.GradientTransformationExtraArgs:
     return optax.lbfgs(memory_size=memory, linesearch=search)
 
 
-@lru_cache(maxsize=16)
-def _compiled(space: SearchSpace, mode: str, memory: int) -> tuple[Any, Any]:
-    """Loss and derivatives of all starts; one L-BFGS iteration of all starts."""
-    solver = _solver(memory)
+@lru_cache(maxsize=32)
+def sums_and_derivatives(space: SearchSpace) -> Callable[[Any, Task], tuple[Sums, Evaluation]]:
+    """Compiled sums of candidates, and their loss and derivatives carried forward."""
 
-    def derive(free: Any, task: Task) -> Evaluation:
-        return evaluate(free, task, space, mode)
+    def both(free: Any, task: Task) -> tuple[Sums, Evaluation]:
+        sums = candidate_sums(free, task, space)
+        return sums, of_sums(sums, task)
+
+    return staged_jit(both)
+
+
+@lru_cache(maxsize=32)
+def derivatives(space: SearchSpace, mode: str) -> Callable[[Any, Task], Evaluation]:
+    """Compiled loss and derivatives of candidates."""
+    if mode == "forward":
+        return lambda free, task: sums_and_derivatives(space)(free, task)[1]
+    return staged_jit(lambda free, task: evaluate(free, task, space, mode))
+
+
+@lru_cache(maxsize=16)
+def _compiled_advance(space: SearchSpace, memory: int) -> Callable[..., Any]:
+    """Direction and line search of one L-BFGS iteration of all starts, compiled."""
+    solver = _solver(memory)
 
     @custom_vmap
     def value(free: Any, task: Task) -> Any:
@@ -225,9 +247,10 @@ def _compiled(space: SearchSpace, mode: str, memory: int) -> tuple[Any, Any]:
         del size, batched
         return losses(free, task, space), True
 
-    def iterate(z: Any, state: Any, center: Any, whitening: Any, task: Task) -> Any:
-        free, back = jax.vjp(lambda z: _moved(center, whitening, z), z)
-        found = derive(free, task)
+    def advance(
+        z: Any, state: Any, found: Evaluation, center: Any, whitening: Any, task: Task
+    ) -> Any:
+        _, back = jax.vjp(lambda z: _moved(center, whitening, z), z)
         (slope,) = back(found.gradient)
 
         def one(z: Any, state: Any, slope: Any, loss: Any, center: Any, whitening: Any) -> Any:
@@ -238,15 +261,9 @@ def _compiled(space: SearchSpace, mode: str, memory: int) -> tuple[Any, Any]:
             return optax.apply_updates(z, updates), state
 
         z, state = _strong(jax.vmap(one)(z, state, slope, found.loss, center, whitening))
-        promised = _promised(found.gradient, whitening)
-        return z, state, found.loss, promised, state[-1].info.num_linesearch_steps
+        return z, _moved(center, whitening, z), state, state[-1].info.num_linesearch_steps
 
-    return staged_jit(derive), staged_jit(iterate)
-
-
-@lru_cache(maxsize=16)
-def _normal(space: SearchSpace) -> Any:
-    return staged_jit(lambda free, task: evaluate(free, task, space).normal)
+    return staged_jit(advance)
 
 
 def _moved(center: Any, whitening: Any, z: Any) -> Any:

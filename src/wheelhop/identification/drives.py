@@ -141,7 +141,7 @@ def with_road(record: CornerRecord, road: Profile, reflect: bool = False) -> Cor
 def _check(name: str, record: CornerRecord, settling: float) -> None:
     remedies = {
         "pressure": "Add a column `pressure`, the tyre's true one, to the log, or state it.",
-        "elevation": "Add a column `elevation`, or a road; without it, fit the likelihood instead.",
+        "elevation": "Add a column `elevation`, or a road; without one, use `identify_blind`.",
     }
     for field, remedy in remedies.items():
         values = getattr(record, field)

@@ -19,20 +19,19 @@ from wheelhop.identification.descent import (
     OnProgress,
     Settings,
     descend,
+    sums_and_derivatives,
 )
-from wheelhop.identification.drives import SETTLING, Prepared, prepare
-from wheelhop.identification.loss import Sums, block_sums
+from wheelhop.identification.drives import SETTLING, Drives, Prepared, prepare
 from wheelhop.identification.objective import (
     Task,
     gradient_mode,
-    losses,
     lost,
     mean_squares,
     task_of,
 )
 from wheelhop.identification.parameters import SearchSpace, search_space, with_values
 from wheelhop.identification.uncertainty import Uncertainty, uncertainty
-from wheelhop.staging import native_jit, staged_jit
+from wheelhop.staging import staged_jit
 from wheelhop.vehicle.parameters import QuarterCar, validate
 from wheelhop.vehicle.record import CornerRecord
 
@@ -154,8 +153,7 @@ def _result(
 ) -> Identification:
     best = int(np.argmin(found.loss))
     free = jnp.asarray(found.free[best], task.weight.dtype)
-    compiled = _compiled(space)
-    bounds = _at_bounds(free, float(found.loss[best]), task, compiled)
+    bounds = _at_bounds(free, float(found.loss[best]), task, space)
     free = jnp.asarray(
         [ON_BOUND * b if b else f for b, f in zip(bounds, free.tolist(), strict=True)]
     )
@@ -165,9 +163,11 @@ def _result(
         for k, (b, v) in enumerate(zip(bounds, space.values(free), strict=True))
     ]
     values = np.array(exact)
-    sums = jax.tree.map(np.asarray, compiled.sums(free, task))
+    # as many candidates as there were starts: that is compiled already
+    same = jnp.tile(free, (len(found.loss), 1))
+    sums = jax.tree.map(lambda a: np.asarray(a[:, 0]), sums_and_derivatives(space)(same, task)[0])
     drives = prepared.drives
-    counts = np.stack([np.asarray(c).sum((1, 2)) for c in (drives.count_s, drives.count_u)], 1)
+    counts = _counts(drives)
     slopes = np.diag(np.asarray(jax.jacobian(space.values)(free)))
     known = uncertainty(
         sums,
@@ -179,7 +179,8 @@ def _result(
         tuple(k for k, b in enumerate(bounds) if b),
     )
     both = jnp.stack([free, jnp.asarray(first, free.dtype)])
-    squares = np.asarray(compiled.squares(both, task))
+    both = jnp.tile(both, (len(free), 1))  # as many as the bounds take: compiled already
+    squares = np.asarray(_compiled_squares(space)(both, task))
     measured = np.stack([np.asarray(a * a).sum((1, 2)) for a in (drives.a_s, drives.a_u)], 1)
     car = space.car(free, start)
     car = jax.tree.map(float, _exactly(car, space, values))
@@ -206,34 +207,25 @@ def _result(
     )
 
 
-@dataclass(frozen=True)
-class _Compiled:
-    """Functions of (free, task), compiled once per search space."""
-
-    sums: Any
-    squares: Any
-    losses: Any
+@lru_cache(maxsize=32)
+def _compiled_squares(space: SearchSpace) -> Any:
+    return staged_jit(lambda free, task: mean_squares(free, task, space))
 
 
-@lru_cache(maxsize=16)
-def _compiled(space: SearchSpace) -> _Compiled:
-    def sums(free: Any, task: Task) -> Sums:
-        return jax.vmap(lambda d: block_sums(free, space, task.base, d))(task.drives)
-
-    return _Compiled(
-        native_jit(sums),
-        staged_jit(lambda free, task: mean_squares(free, task, space)),
-        staged_jit(lambda free, task: losses(free, task, space)),
-    )
-
-
-def _at_bounds(free: Any, loss: float, task: Task, compiled: _Compiled) -> list[int]:
+def _at_bounds(free: Any, loss: float, task: Task, space: SearchSpace) -> list[int]:
     """-1 or 1 where the loss does not rise on the way to the lower or upper bound, else 0."""
     n = len(free)
     moved = [free.at[k].set(side * ON_BOUND) for k in range(n) for side in (-1, 1)]
-    there = np.asarray(compiled.losses(jnp.stack(moved), task)).reshape(n, 2)
+    squares = _compiled_squares(space)(jnp.stack(moved), task)
+    shares = np.einsum("rc,src->s", np.asarray(task.weight) * _counts(task.drives), squares)
+    there = np.nan_to_num(shares, nan=np.inf).reshape(n, 2)
     flat = there <= loss * (1.0 + _AT_BOUND)
     return [-1 if low else (1 if high else 0) for low, high in flat.tolist()]
+
+
+def _counts(drives: Drives) -> np.ndarray:
+    """Samples that count, [records, 2]."""
+    return np.stack([np.asarray(c).sum((1, 2)) for c in (drives.count_s, drives.count_u)], 1)
 
 
 def _exactly(car: QuarterCar, space: SearchSpace, values: np.ndarray) -> QuarterCar:
@@ -261,9 +253,9 @@ def _problems(
         if side:
             bound = space.lower[k] if side == "lower" else space.upper[k]
             problems.append(
-                f"{name} is at its {side} bound, {bound:g} {space.units[k]}: the records ask for "
-                "more, so the model's form may not be theirs; it is held there and has no standard "
-                "error"
+                f"{name} is at its {side} bound, {bound:g} {space.units[k]}: the records want "
+                "it beyond, so the model's form may not be theirs; it is held there and has no "
+                "standard error"
             )
     problems += [f"the records hardly determine {direction}" for direction in known.weak]
     if unexplained > POOR_FIT:

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from wheelhop.identification.drives import Drives
-from wheelhop.identification.loss import block_squares, block_sums
+from wheelhop.identification.loss import Sums, block_squares, block_sums
 from wheelhop.identification.parameters import SearchSpace
 from wheelhop.staging import stage
 from wheelhop.vehicle.parameters import QuarterCar
@@ -24,6 +24,8 @@ FORWARD_LIMIT = 12
 against 1.3 s); the cost of reverse mode does not grow with them."""
 
 _LOST = 1e12
+_LANES = 8
+_SHORT = 4
 
 
 class Evaluation(NamedTuple):
@@ -86,8 +88,22 @@ def evaluate(free: Any, task: Task, space: SearchSpace, mode: str = "forward") -
         space: the fitted parameters.
         mode: "forward" carries the derivatives along, "reverse" goes back through the record.
     """
-    how = _forward if mode == "forward" else _reverse
-    loss, gradient, normal = how(free, task, space)
+    if mode == "forward":
+        return of_sums(candidate_sums(free, task, space), task)
+    return _safe(*_reverse(free, task, space))
+
+
+def of_sums(sums: Sums, task: Task) -> Evaluation:
+    """Loss and derivatives from the sums of candidates."""
+    sums = jax.tree.map(lambda a: a.sum(2), sums)
+    return _safe(
+        jnp.einsum("rc,rsc->s", task.weight, sums.squares),
+        2.0 * jnp.einsum("rc,rscn->sn", task.weight, sums.gradient),
+        jnp.einsum("rc,rscnm->snm", task.weight, sums.normal),
+    )
+
+
+def _safe(loss: Any, gradient: Any, normal: Any) -> Evaluation:
     good = jnp.isfinite(loss) & (loss < _LOST) & jnp.isfinite(gradient).all(1)
     return Evaluation(
         jnp.where(good, loss, _LOST),
@@ -113,16 +129,16 @@ def gradient_mode(space: SearchSpace) -> str:
     return "forward" if len(space.names) <= FORWARD_LIMIT else "reverse"
 
 
-def _forward(free: Any, task: Task, space: SearchSpace) -> tuple[Any, Any, Any]:
-    def one(f: Any, drive: Drives) -> Any:
-        return jax.tree.map(lambda a: a.sum(0), block_sums(f, space, task.base, drive))
+def candidate_sums(free: Any, task: Task, space: SearchSpace) -> Sums:
+    """Errors and derivatives of candidates [candidates, n], [records, candidates, blocks, 2, ...].
 
-    sums = _over(one, free, task.drives)
-    return (
-        jnp.einsum("rc,rsc->s", task.weight, sums.squares),
-        2.0 * jnp.einsum("rc,rscn->sn", task.weight, sums.gradient),
-        jnp.einsum("rc,rscnm->snm", task.weight, sums.normal),
-    )
+    For many parameters there are always `_LANES` candidates or more: with fewer lanes the compiler
+    unrolls them, and takes gigabytes for the derivatives.
+    """
+    missing = _LANES - free.shape[0] if free.shape[1] > _SHORT else 0
+    padded = jnp.concatenate([free, jnp.repeat(free[-1:], max(missing, 0), axis=0)])
+    sums = _over(lambda f, drive: block_sums(f, space, task.base, drive), padded, task.drives)
+    return jax.tree.map(lambda a: a[:, : free.shape[0]], sums)
 
 
 def _reverse(free: Any, task: Task, space: SearchSpace) -> tuple[Any, Any, Any]:

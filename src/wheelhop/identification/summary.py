@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from wheelhop.identification.blind import BlindIdentification
 from wheelhop.identification.identify import Identification
 from wheelhop.identification.objective import lost
 from wheelhop.identification.parameters import value_of
@@ -13,6 +14,8 @@ from wheelhop.identification.uncertainty import WEAK
 from wheelhop.vehicle.corner_modes import corner_modes, equivalent_damping
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.tire import stiffness_from_pressure
+
+AnyIdentification = Identification | BlindIdentification
 
 SAME_MINIMUM = 0.01
 """Starts whose loss is within this share of the best one ended in the same minimum."""
@@ -24,28 +27,12 @@ def summarise_identification(found: Identification) -> dict[str, Any]:
     Args:
         found: the identification.
     """
-    known = found.uncertainty
     descent = found.descent
     norm = descent_norms(found)
     return {
-        "parameters": {
-            f"{name}{unit_suffix(found.space.units[k])}": {
-                "start": float(value_of(found.start, name)),
-                "estimate": float(found.values[k]),
-                "standard_error": float(known.standard_errors[k]),
-                "robust_standard_error": float(known.robust_errors[k]),
-                "relative_error": float(relative_errors(found)[k]),
-                "lower_bound": found.space.lower[k],
-                "upper_bound": found.space.upper[k],
-                "note": parameter_note(found, k),
-            }
-            for k, name in enumerate(found.space.names)
-        },
-        "correlation": known.correlation.tolist(),
-        "directions": [
-            {"relative_weights": dict(d.weights), "relative_error": d.relative_error}
-            for d in known.directions
-        ],
+        "parameters": parameters_of(found),
+        "correlation": found.uncertainty.correlation.tolist(),
+        "directions": directions_of(found),
         "loss_m_per_s2": found.loss,
         "start_loss_m_per_s2": float(np.linalg.norm(found.start_rmse)),
         "measured_norm_m_per_s2": float(np.linalg.norm(found.measured_rms)),
@@ -78,19 +65,46 @@ def summarise_identification(found: Identification) -> dict[str, Any]:
     }
 
 
-def relative_errors(found: Identification) -> np.ndarray:
+def parameters_of(found: AnyIdentification) -> dict[str, Any]:
+    """The fitted parameters of the car by name and unit, with their errors and bounds."""
+    known = found.uncertainty
+    return {
+        f"{name}{unit_suffix(found.space.units[k])}": {
+            "start": float(value_of(found.start, name)),
+            "estimate": float(found.values[k]),
+            "standard_error": float(known.standard_errors[k]),
+            "robust_standard_error": float(known.robust_errors[k]),
+            "relative_error": float(relative_errors(found)[k]),
+            "lower_bound": found.space.lower[k],
+            "upper_bound": found.space.upper[k],
+            "note": parameter_note(found, k),
+        }
+        for k, name in enumerate(found.space.names)
+    }
+
+
+def directions_of(found: AnyIdentification) -> list[dict[str, Any]]:
+    """Combinations that the data determine on their own, from the best known to the worst."""
+    return [
+        {"relative_weights": dict(d.weights), "relative_error": d.relative_error}
+        for d in found.uncertainty.directions
+    ]
+
+
+def relative_errors(found: AnyIdentification) -> np.ndarray:
     """The larger of standard and robust standard error over the parameter's size, [n].
 
     Infinite where the data say nothing, NaN for a parameter held at its bound.
     """
     known = found.uncertainty
-    error = np.maximum(known.standard_errors, known.robust_errors)
+    # a fit without a road has the roads behind the car
+    error = np.maximum(known.standard_errors, known.robust_errors)[: len(found.values)]
     size = np.abs(found.values)
     unknown = np.where(np.isnan(error), np.nan, np.inf)
     return np.divide(error, size, out=unknown, where=size > 0)
 
 
-def parameter_note(found: Identification, k: int) -> str:
+def parameter_note(found: AnyIdentification, k: int) -> str:
     """What limits parameter k, in plain words; empty where nothing does."""
     if found.at_bound[k]:
         return f"at its {found.at_bound[k]} bound"

@@ -31,13 +31,15 @@ class Direction:
 
     def __str__(self) -> str:
         parts = sorted(self.weights.items(), key=lambda item: -abs(item[1]))
-        shown = [f"{w:+.2f} d{n}/{n}" for n, w in parts if abs(w) > 0.1]
+        shown = [f"{w:+.2f} {n}" for n, w in parts if abs(w) > 0.1]
+        if len(shown) == 1:
+            shown = [n for n, w in parts if abs(w) > 0.1]
         known = (
             "not determined at all"
             if not np.isfinite(self.relative_error)
-            else f"known to {self.relative_error:.2g}"
+            else f"known to {100 * self.relative_error:.2g} %"
         )
-        return f"{' '.join(shown)}: {known}"
+        return f"{' '.join(shown)} (relative change): {known}"
 
 
 @dataclass(frozen=True)

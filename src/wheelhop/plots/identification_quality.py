@@ -10,7 +10,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
 from wheelhop.identification.identify import Identification
-from wheelhop.identification.summary import descent_norms, relative_errors
+from wheelhop.identification.summary import AnyIdentification, descent_norms, relative_errors
 from wheelhop.identification.uncertainty import WEAK
 from wheelhop.plots.style import ALERT, BAND, ESTIMATE, MUTED, TRUTH, legend, new_figure
 
@@ -68,14 +68,14 @@ def plot_correlation(found: Identification, title: str = "") -> Figure:
         title: headline of the figure.
     """
     n = len(found.space.names)
-    labels = [_label(name) for name in found.space.names]
+    labels = parameter_labels(found)
     size = 2.4 + 0.75 * n
     figure = Figure(
         figsize=(size + 6.0, max(size - 0.4, 3.6)), layout=ConstrainedLayoutEngine(wspace=0.06)
     )
     left, right = figure.subplots(1, 2, width_ratios=[1.25, 1.0])
     _matrix(figure, left, found.uncertainty.correlation, labels)
-    _errors(right, found, labels)
+    draw_relative_errors(right, found)
     figure.suptitle(title or "How well the records determine the parameters", fontsize=11)
     return figure
 
@@ -95,18 +95,29 @@ def _matrix(figure: Figure, ax: Any, correlation: np.ndarray, labels: list[str])
     figure.colorbar(image, ax=ax, label="correlation [-]", shrink=0.85)
 
 
-def _errors(ax: Any, found: Identification, labels: list[str]) -> None:
-    """Bars of relative errors on a logarithmic axis; words where there is no number."""
+def draw_relative_errors(
+    ax: Any, found: AnyIdentification, plain: str = "for white residuals", below: float = 0.16
+) -> None:
+    """Bars of relative errors on a logarithmic axis; words where there is no number.
+
+    Args:
+        ax: to draw on.
+        found: the identification.
+        plain: what the standard errors that are not robust hold for.
+        below: distance of the legend from the axes, in heights of these.
+    """
+    labels = parameter_labels(found)
     known, size = found.uncertainty, np.abs(found.values)
+    n = len(size)
     place = np.arange(len(labels))
     with np.errstate(divide="ignore", invalid="ignore"):
-        percent = [100.0 * e / size for e in (known.standard_errors, known.robust_errors)]
+        percent = [100.0 * e[:n] / size for e in (known.standard_errors, known.robust_errors)]
     both = [np.where(np.isfinite(p), np.minimum(p, _MOST_PERCENT), np.nan) for p in percent]
     shown = np.concatenate(both)
     shown = shown[np.isfinite(shown) & (shown > 0)]
     low, high = (shown.min(), shown.max()) if shown.size else (0.1, 10.0)
     floor, roof = low / 10.0, max(10.0 * high, 200.0 * WEAK)
-    looks = ((ESTIMATE, "for white residuals", -0.2), (ALERT, "robust, by blocks", 0.2))
+    looks = ((ESTIMATE, plain, -0.2), (ALERT, "robust, by blocks", 0.2))
     for values, (colour, label, shift) in zip(both, looks, strict=True):
         drawn = np.isfinite(values) & (values > 0)
         ax.barh(
@@ -134,7 +145,12 @@ def _errors(ax: Any, found: Identification, labels: list[str]) -> None:
     ax.set_title("relative standard errors", fontsize=10)
     ax.grid(True, axis="x", alpha=0.25, linewidth=0.6)
     ax.spines[["top", "right"]].set_visible(False)
-    legend(ax, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
+    legend(ax, loc="upper center", bbox_to_anchor=(0.5, -below), ncols=3)
+
+
+def parameter_labels(found: AnyIdentification) -> list[str]:
+    """Names of the car's fitted parameters in two lines."""
+    return [_label(name) for name in found.space.names]
 
 
 def _label(name: str) -> str:

@@ -12,10 +12,10 @@ import numpy as np
 
 from wheelhop.identification.drives import Drives, prepare
 from wheelhop.identification.loss import inputs_of, step
+from wheelhop.identification.replay import replay
 from wheelhop.vehicle.parameters import QuarterCar
-from wheelhop.vehicle.quarter_car import RelativeState, simulate
+from wheelhop.vehicle.quarter_car import RelativeState
 from wheelhop.vehicle.record import CornerRecord
-from wheelhop.vehicle.tire import stiffness_from_pressure
 
 
 class Errors(NamedTuple):
@@ -68,12 +68,4 @@ def _compiled_errors() -> Any:
 
 def unsprung_acceleration(car: QuarterCar, record: CornerRecord) -> np.ndarray:
     """Wheel acceleration [m/s^2] of a quarter car on a record's road and pressure, [time]."""
-    assert record.elevation is not None
-    assert record.pressure is not None
-    dtype = jnp.asarray(0.0).dtype
-    rise = np.diff(record.elevation, prepend=record.elevation[0])
-    k_t = jnp.asarray(stiffness_from_pressure(record.pressure, car.tire), dtype)
-    zero = jnp.zeros((), dtype)
-    rest = RelativeState(zero, zero, zero, zero)
-    found = simulate(rest, k_t, jnp.asarray(rise, dtype)[:, None], record.dt, car)
-    return np.asarray(found.accelerations.a_u)
+    return replay([record], car, car)[0].fit.a_u
