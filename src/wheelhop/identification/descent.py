@@ -23,14 +23,16 @@ from wheelhop.identification.objective import (
     of_sums,
 )
 from wheelhop.identification.parameters import SearchSpace
+from wheelhop.identification.whitening import (
+    moved,
+    promised_decrease,
+    promises_nothing,
+    put_on_bounds,
+    whitening_of,
+)
 from wheelhop.staging import staged_jit
 
-ON_BOUND = 800.0
-"""Free number, or its negative, of a parameter that lies on its bound to the last digit."""
-
-_FLATTEST = 1e-10
 _LINE_STEPS = 8
-_REACH = 4.0
 
 
 class Settings(NamedTuple):
@@ -126,9 +128,9 @@ def _descend(
         if mode == "reverse":
             best = best._replace(normal=derivatives(space, "forward")(free, task).normal)
             log.count(len(starts))
-        whitening = _whitening_of(best.normal, best.gradient, free)
-        promised = _promised(best.gradient, whitening)
-        converged = _promises_nothing(promised, best.loss, tolerance) | stuck
+        whitening = whitening_of(best.normal, best.gradient, free)
+        promised = promised_decrease(best.gradient, whitening)
+        converged = promises_nothing(promised, best.loss, tolerance) | stuck
         if done >= settings.iterations or converged.all():
             break
         z, found = jnp.zeros_like(free), best
@@ -138,11 +140,13 @@ def _descend(
             found = derive(new, task)
             done += 1
             log.add(np.asarray(found.loss), len(starts) * (1 + int(np.max(trials))))
-            if _promises_nothing(_promised(found.gradient, whitening), found.loss, tolerance).all():
+            if promises_nothing(
+                promised_decrease(found.gradient, whitening), found.loss, tolerance
+            ).all():
                 break
         before = np.asarray(best.loss)
         free, best = _chosen(found.loss <= best.loss, (new, found), (free, best))
-        at_bounds = _at_bounds(free, best)
+        at_bounds = put_on_bounds(free, best)
         if bool(jnp.any(at_bounds != free)):
             found = derive(at_bounds, task)
             log.add(np.asarray(found.loss), len(starts))
@@ -250,56 +254,20 @@ def _compiled_advance(space: SearchSpace, memory: int) -> Callable[..., Any]:
     def advance(
         z: Any, state: Any, found: Evaluation, center: Any, whitening: Any, task: Task
     ) -> Any:
-        _, back = jax.vjp(lambda z: _moved(center, whitening, z), z)
+        _, back = jax.vjp(lambda z: moved(center, whitening, z), z)
         (slope,) = back(found.gradient)
 
         def one(z: Any, state: Any, slope: Any, loss: Any, center: Any, whitening: Any) -> Any:
             def along(z: Any) -> Any:
-                return value(_moved(center[None], whitening[None], z[None])[0], task)
+                return value(moved(center[None], whitening[None], z[None])[0], task)
 
             updates, state = solver.update(slope, state, z, value=loss, grad=slope, value_fn=along)
             return optax.apply_updates(z, updates), state
 
         z, state = _strong(jax.vmap(one)(z, state, slope, found.loss, center, whitening))
-        return z, _moved(center, whitening, z), state, state[-1].info.num_linesearch_steps
+        return z, moved(center, whitening, z), state, state[-1].info.num_linesearch_steps
 
     return staged_jit(advance)
-
-
-def _moved(center: Any, whitening: Any, z: Any) -> Any:
-    """theta = theta_0 + r tanh(W z / r): no round moves a free number by more than r."""
-    return center + _REACH * jnp.tanh(jnp.einsum("sij,sj->si", whitening, z) / _REACH)
-
-
-@jax.jit
-def _at_bounds(free: Any, found: Evaluation) -> Any:
-    """Free numbers with those put on their bound that would need many steps to get there.
-
-    Those whose loss is bent by the logistic map more than by the data, and falls outwards.
-    """
-    outward = found.gradient * (1.0 - 2.0 * jax.nn.sigmoid(free))
-    close = 0.5 * outward > jnp.diagonal(found.normal, axis1=1, axis2=2)
-    return jnp.where(close, jnp.sign(free) * ON_BOUND, free)
-
-
-def _promised(gradient: Any, whitening: Any) -> Any:
-    """Decrease that the quadratic model J + g d + |W^-1 d|^2 promises, [starts].
-
-    Its step is cut where it would be longer than a round may go: near a bound the loss hardly
-    depends on the free number, and the model promises what no step can keep.
-    """
-    newton = -0.5 * jnp.einsum("sij,skj,sk->si", whitening, whitening, gradient)
-    return -0.5 * jnp.sum(gradient * jnp.clip(newton, -_REACH, _REACH), axis=1)
-
-
-def _promises_nothing(promised: Any, loss: Any, tolerance: float) -> np.ndarray:
-    """Where the promised decrease is next to none.
-
-    A loss at the rounding of its own sums is as good as zero.
-    """
-    loss = np.asarray(loss)
-    rounding = 10 * float(np.finfo(loss.dtype).eps) ** 2
-    return (np.asarray(promised) <= tolerance * loss) | (loss <= rounding)
 
 
 def _chosen(mask: Any, new: Any, old: Any) -> Any:
@@ -308,21 +276,6 @@ def _chosen(mask: Any, new: Any, old: Any) -> Any:
     return jax.tree.map(
         lambda a, b: jnp.where(jnp.expand_dims(mask, tuple(range(1, a.ndim))), a, b), new, old
     )
-
-
-@jax.jit
-def _whitening_of(normal: Any, gradient: Any, free: Any) -> Any:
-    """W of the whitened coordinates, [starts, n, n].
-
-    Near a bound the Gauss-Newton matrix vanishes with the square of the distance, and what bends
-    the loss is the logistic map p(theta) itself: J_p p'' = J_theta p'' / p', with
-    p'' / p' = 1 - 2 sigmoid(theta).
-    """
-    bent = 0.5 * jnp.maximum(gradient * (1.0 - 2.0 * jax.nn.sigmoid(free)), 0.0)
-    whole = normal + jax.vmap(jnp.diag)(bent)
-    values, vectors = jnp.linalg.eigh(whole)
-    floor = jnp.maximum(_FLATTEST * values[:, -1:], jnp.finfo(normal.dtype).tiny)
-    return vectors / jnp.sqrt(jnp.maximum(values, floor))[:, None, :]
 
 
 @lru_cache(maxsize=16)

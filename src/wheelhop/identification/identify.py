@@ -14,7 +14,6 @@ import numpy as np
 
 from wheelhop.errors import DivergenceError, InputError, InputWarning
 from wheelhop.identification.descent import (
-    ON_BOUND,
     Descended,
     OnProgress,
     Settings,
@@ -31,6 +30,7 @@ from wheelhop.identification.objective import (
 )
 from wheelhop.identification.parameters import SearchSpace, search_space, with_values
 from wheelhop.identification.uncertainty import Uncertainty, uncertainty
+from wheelhop.identification.whitening import ON_BOUND
 from wheelhop.staging import staged_jit
 from wheelhop.vehicle.parameters import QuarterCar, validate
 from wheelhop.vehicle.record import CornerRecord
