@@ -7,7 +7,7 @@ import pytest
 from truth import record
 
 from wheelhop.errors import InputError
-from wheelhop.identification.drives import BLOCK, prepare, with_road
+from wheelhop.identification.drives import prepare, with_road
 from wheelhop.vehicle.road.profile import Profile
 
 GOOD = record(0, 15.0, 180e3, 4.0)
@@ -35,28 +35,50 @@ def test_a_short_record_is_refused_with_the_length_that_is_needed():
     prepare([short], settling=0.4)
 
 
+@pytest.mark.parametrize(
+    ("field", "change", "said"),
+    [
+        ("a_s", slice(500, None), "a_s: 0 samples count"),
+        ("a_u", slice(None), "a_u: 0 samples count"),
+        ("elevation", slice(1, None), "elevation: .* excites nothing"),
+        ("elevation", slice(600, 1900), "a_s: 100 samples count"),
+    ],
+)
+def test_records_of_which_too_little_counts_are_refused(field, change, said):
+    values = getattr(GOOD, field).copy()
+    values[change] = np.nan
+    with pytest.raises(InputError, match=said):
+        prepare([replace(GOOD, **{field: values})])
+
+
 def test_no_record_and_wrong_names_are_refused():
     with pytest.raises(InputError, match="there is none"):
         prepare([])
     with pytest.raises(InputError, match="2 for 1 records"):
         prepare([GOOD], ["a", "b"])
+    with pytest.raises(InputError, match="name of its own"):
+        prepare([GOOD, GOOD], ["a", "a"])
     with pytest.raises(InputError, match="settling"):
         prepare([GOOD], settling=float("nan"))
 
 
 def test_missing_samples_and_settling_do_not_count():
     a_s = GOOD.a_s.copy()
-    a_s[700:710] = np.nan
+    a_s[1800:1810] = np.nan
     elevation = GOOD.elevation.copy()
     elevation[900:903] = np.nan
     drives = prepare([replace(GOOD, a_s=a_s, elevation=elevation)]).drives
     count = np.asarray(drives.count_s).ravel()
-    assert count.sum() == 2000 - 500 - 10
-    assert not count[:500].any()
-    assert not count[700:710].any()
-    assert np.asarray(drives.count_u).sum() == 1500
+    # from 1 s on, not in the gap of the road and the second after it, not where a_s is missing
+    expected = np.ones(2000)
+    expected[:500] = 0
+    expected[900:1402] = 0
+    assert np.asarray(drives.count_u).sum() == expected.sum()
+    expected[1800:1810] = 0
+    np.testing.assert_array_equal(count[1::2], expected)  # two steps of 1 ms per sample
+    assert not count[0::2].any()
     assert np.all(np.isfinite(drives.rise))
-    assert drives.rise.shape == (1, 2 * 2000 // BLOCK, BLOCK)  # two steps of 1 ms per sample
+    assert drives.rise.shape == (1, 8, 500)
     assert float(drives.dt[0]) == pytest.approx(1e-3)
 
 

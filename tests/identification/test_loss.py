@@ -94,12 +94,14 @@ def test_many_candidates_are_each_candidate_alone():
 
 
 def test_a_record_counts_the_same_beside_a_longer_one():
-    """Padding adds nothing, and every record has the same say whatever its length."""
+    """Padding adds nothing, and every record has the same say whatever its length and rate."""
     space = search_space()
     free = jnp.asarray(space.free(START))[None]
-    alone = [prepare([r]) for r in RECORDS]
+    several = [*RECORDS, record(3, 15.0, 180e3, 3.1, rate=800.0)]
+    alone = [prepare([r]) for r in several]
     each = [mean_squares(free, task_of(START, p.drives), space)[0, 0] for p in alone]
-    together = mean_squares(free, TASK, space)[0]
+    prepared = prepare(several)
+    together = mean_squares(free, task_of(START, prepared.drives), space)[0]
     np.testing.assert_allclose(together, np.stack(each), rtol=1e-12)
 
 

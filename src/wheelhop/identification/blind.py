@@ -338,13 +338,16 @@ def _estimates(work: _Work, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _at_bounds(work: _Work, point: np.ndarray, value: float, n: int) -> list[int]:
-    """-1 or 1 where the likelihood does not fall on the way to the lower or upper bound, else 0."""
+    """-1 or 1 where the likelihood does not fall on the way to the lower or upper bound, else 0.
+
+    A parameter that changes nothing on either way is not at a bound: the records do not see it.
+    """
     moved = np.tile(point, (2 * n, 1))
     for k in range(n):
         moved[2 * k, k], moved[2 * k + 1, k] = -_EDGE, _EDGE
     there = work.in_turn(moved).reshape(n, 2)
     flat = there >= value - _FLAT
-    return [-1 if low else (1 if high else 0) for low, high in flat.tolist()]
+    return [int(high) - int(low) for low, high in flat.tolist()]
 
 
 def _uncertainty(

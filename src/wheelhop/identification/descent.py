@@ -13,6 +13,7 @@ import numpy as np
 import optax
 from jax.custom_batching import custom_vmap
 
+from wheelhop.errors import InputError, require_in_range
 from wheelhop.identification.loss import Sums
 from wheelhop.identification.objective import (
     Evaluation,
@@ -20,19 +21,24 @@ from wheelhop.identification.objective import (
     candidate_sums,
     evaluate,
     losses,
+    lost,
     of_sums,
 )
 from wheelhop.identification.parameters import SearchSpace
 from wheelhop.identification.whitening import (
+    REACH,
+    just_inside,
     moved,
     promised_decrease,
     promises_nothing,
     put_on_bounds,
+    released,
     whitening_of,
 )
 from wheelhop.staging import staged_jit
 
 _LINE_STEPS = 8
+_SHORTEST = 1e-2
 
 
 class Settings(NamedTuple):
@@ -62,8 +68,8 @@ class Descended(NamedTuple):
     Attributes:
         free: free numbers, [starts, n].
         loss: J, [starts].
-        converged: whether the loss had stopped to fall, [starts].
-        history: J after each iteration, [iterations, starts].
+        converged: whether no step promises a smaller loss, [starts].
+        history: lowest J so far after each iteration, [iterations, starts].
         seconds: since the beginning, [iterations].
         evaluations: simulations of all records by then, of all starts, [iterations].
         warm_up: how many of the iterations are Adam's.
@@ -80,6 +86,21 @@ class Descended(NamedTuple):
 
 OnProgress = Callable[[int, int, float], None]
 """Called with iterations done, iterations at most, and the best loss so far."""
+
+
+def validate(settings: Settings) -> Settings:
+    """The same settings, checked.
+
+    Raises:
+        InputError: naming the setting that is out of range.
+    """
+    for name, low in (("warm_up", 0), ("iterations", 0), ("refresh", 1), ("memory", 1)):
+        value = getattr(settings, name)
+        if not value >= low:
+            raise InputError(f"settings.{name}", f"{value}", f"Give at least {low}.")
+    require_in_range("settings.learning_rate", settings.learning_rate, 1e-6, 10.0, "")
+    require_in_range("settings.tolerance", settings.tolerance, 0.0, 1.0, "(relative)")
+    return settings
 
 
 def descend(
@@ -123,45 +144,75 @@ def _descend(
     free, best = _warm_up(free, derive, task, settings, log)
 
     tolerance = max(settings.tolerance, 20 * float(jnp.finfo(free.dtype).eps))
-    done, stuck = 0, np.zeros(len(starts), bool)
+    reach = jnp.full((len(starts),), REACH, free.dtype)
+    done = 0
     while True:
-        if mode == "reverse":
-            best = best._replace(normal=derivatives(space, "forward")(free, task).normal)
-            log.count(len(starts))
+        free, best = _at_bounds(
+            free, _with_normal(free, best, task, space, mode), derive, task, log
+        )
+        best = _with_normal(free, best, task, space, mode)
+        log.note(np.asarray(best.loss))
         whitening = whitening_of(best.normal, best.gradient, free)
         promised = promised_decrease(best.gradient, whitening)
-        converged = promises_nothing(promised, best.loss, tolerance) | stuck
-        if done >= settings.iterations or converged.all():
+        converged = promises_nothing(promised, best.loss, tolerance)
+        stuck = np.asarray(reach < _SHORTEST)
+        if done >= settings.iterations or (converged | stuck).all():
             break
+        before, center = best.loss, free
         z, found = jnp.zeros_like(free), best
         state = _begin(settings.memory)(z)
         for _ in range(min(settings.refresh, settings.iterations - done)):
-            z, new, state, trials = advance(z, state, found, free, whitening, task)
+            z, new, state, trials = advance(z, state, found, center, whitening, reach, task)
             found = derive(new, task)
             done += 1
-            log.add(np.asarray(found.loss), len(starts) * (1 + int(np.max(trials))))
-            if promises_nothing(
-                promised_decrease(found.gradient, whitening), found.loss, tolerance
-            ).all():
+            free, best = _chosen(found.loss < best.loss, (new, found), (free, best))
+            log.add(np.asarray(best.loss), len(starts) * (1 + int(np.max(trials))))
+            promised = promised_decrease(found.gradient, whitening)
+            if promises_nothing(promised, found.loss, tolerance).all():
                 break
-        before = np.asarray(best.loss)
-        free, best = _chosen(found.loss <= best.loss, (new, found), (free, best))
-        at_bounds = put_on_bounds(free, best)
-        if bool(jnp.any(at_bounds != free)):
-            found = derive(at_bounds, task)
-            log.add(np.asarray(found.loss), len(starts))
-            free, best = _chosen(found.loss <= best.loss, (at_bounds, found), (free, best))
-        # a start to which a whole round brought nothing cannot do better
-        stuck = before - np.asarray(best.loss) <= tolerance * before
+        # a start that a round brought nothing looks nearer by, with a new memory
+        gained = before - best.loss > tolerance * before
+        reach = jnp.where(gained, REACH, 0.2 * reach)
+    gone = np.asarray(lost(best.loss))
     return Descended(
         np.asarray(free),
         np.asarray(best.loss),
-        converged,
+        converged & ~gone,
         np.array(log.losses),
         np.array(log.seconds),
         np.array(log.evaluations),
         settings.warm_up,
     )
+
+
+def _with_normal(
+    free: Any, best: Evaluation, task: Task, space: SearchSpace, mode: str
+) -> Evaluation:
+    """With the Gauss-Newton matrix, which reverse mode does not give."""
+    if mode == "forward":
+        return best
+    return best._replace(normal=derivatives(space, "forward")(free, task).normal)
+
+
+def _at_bounds(
+    free: Any, best: Evaluation, derive: Callable[..., Evaluation], task: Task, log: _Log
+) -> tuple[Any, Evaluation]:
+    """Puts parameters on the bound they run to, and back inside where the loss falls inwards."""
+    inside = just_inside(free)
+    if bool(jnp.any(inside != free)):
+        found = derive(inside, task)
+        log.count(len(free))
+        back = released(free, inside, found)
+        if bool(jnp.any(back != free)):
+            found = derive(back, task)
+            log.count(len(free))
+            free, best = _chosen(found.loss <= best.loss, (back, found), (free, best))
+    there = put_on_bounds(free, best)
+    if bool(jnp.any(there != free)):
+        found = derive(there, task)
+        log.count(len(free))
+        free, best = _chosen(found.loss <= best.loss, (there, found), (free, best))
+    return free, best
 
 
 class _Log:
@@ -177,6 +228,11 @@ class _Log:
 
     def count(self, evaluations: int) -> None:
         self._count += evaluations
+
+    def note(self, losses: np.ndarray) -> None:
+        """Better losses beside an iteration, which belong to the last one."""
+        self.best = np.minimum(self.best, losses)
+        self.losses[-1] = self.best
 
     def add(self, losses: np.ndarray, evaluations: int) -> None:
         self.best = np.minimum(self.best, losses)
@@ -252,20 +308,20 @@ def _compiled_advance(space: SearchSpace, memory: int) -> Callable[..., Any]:
         return losses(free, task, space), True
 
     def advance(
-        z: Any, state: Any, found: Evaluation, center: Any, whitening: Any, task: Task
+        z: Any, state: Any, found: Evaluation, center: Any, w: Any, reach: Any, task: Task
     ) -> Any:
-        _, back = jax.vjp(lambda z: moved(center, whitening, z), z)
+        _, back = jax.vjp(lambda z: moved(center, w, z, reach), z)
         (slope,) = back(found.gradient)
 
-        def one(z: Any, state: Any, slope: Any, loss: Any, center: Any, whitening: Any) -> Any:
+        def one(z: Any, state: Any, slope: Any, loss: Any, center: Any, w: Any, r: Any) -> Any:
             def along(z: Any) -> Any:
-                return value(moved(center[None], whitening[None], z[None])[0], task)
+                return value(moved(center[None], w[None], z[None], r[None])[0], task)
 
             updates, state = solver.update(slope, state, z, value=loss, grad=slope, value_fn=along)
             return optax.apply_updates(z, updates), state
 
-        z, state = _strong(jax.vmap(one)(z, state, slope, found.loss, center, whitening))
-        return z, moved(center, whitening, z), state, state[-1].info.num_linesearch_steps
+        z, state = _strong(jax.vmap(one)(z, state, slope, found.loss, center, w, reach))
+        return z, moved(center, w, z, reach), state, state[-1].info.num_linesearch_steps
 
     return staged_jit(advance)
 

@@ -7,6 +7,7 @@ the samples is a cubic spline through them, and only the record's own samples co
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -15,12 +16,18 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from wheelhop.errors import InputError
+from wheelhop.errors import InputError, InputWarning
 from wheelhop.vehicle.record import CornerRecord
 from wheelhop.vehicle.road.profile import Profile, elevation_at, without_aliases
 
-BLOCK = 500
-"""Steps per block of a record: partial sums are kept per block."""
+BLOCK = 0.5
+"""Time [s] of a block of a record: partial sums are kept per block."""
+
+AFTER_GAP = 1.0
+"""Time [s] after a gap in the road that does not count, as the motion is not known."""
+
+FEWEST = 200
+"""Fewest samples of a channel that must count."""
 
 SETTLING = 1.0
 """Time [s] at a record's start that no error is counted of: its initial motion is not known."""
@@ -98,19 +105,23 @@ def prepare(
         raise InputError(
             "names", f"{len(names)} for {len(records)} records", "Give one for each record."
         )
+    if len(set(names)) != len(names):
+        raise InputError("names", f"{list(names)}", "Give each record a name of its own.")
     if not (math.isfinite(settling) and settling >= 0):
         raise InputError("settling", f"{settling:g} s", "Give a time of at least 0 s.")
     for name, record in zip(names, records, strict=True):
         _check(name, record, settling)
     steps = tuple(max(1, math.ceil(record.dt / COARSEST_STEP)) for record in records)
     longest = max(len(r.t) * m for r, m in zip(records, steps, strict=True))
-    blocks = -(-longest // BLOCK)
+    finest = min(record.dt / m for record, m in zip(records, steps, strict=True))
+    size = min(longest, round(BLOCK / finest))
+    blocks = -(-longest // size)
     columns = [
-        _columns(record, settling, m, blocks * BLOCK)
+        _columns(record, settling, m, blocks * size)
         for record, m in zip(records, steps, strict=True)
     ]
     laid = {
-        key: jnp.asarray(np.stack([c[key] for c in columns]).reshape(-1, blocks, BLOCK), float)
+        key: jnp.asarray(np.stack([c[key] for c in columns]).reshape(-1, blocks, size), float)
         for key in columns[0]
     }
     dt = np.array([r.dt / m for r, m in zip(records, steps, strict=True)])
@@ -155,23 +166,54 @@ def _check(name: str, record: CornerRecord, settling: float) -> None:
             f"the record lasts {duration:.3g} s, of which {settling:g} s are for settling",
             f"Give at least {settling + SHORTEST:g} s.",
         )
-    known = np.isfinite(record.elevation)
-    rough = float(np.std(np.diff(record.elevation[known]))) / record.dt
-    if rough < _LEAST_ROUGHNESS:
+    # NaN where a neighbour is missing
+    rough = float(_spread_of(np.diff(record.elevation))) / record.dt
+    if not rough >= _LEAST_ROUGHNESS:
         raise InputError(
             f"{name}: elevation",
             f"the road's velocity varies by {rough:.2g} m/s only: it excites nothing",
             "Give a record over a rough road.",
         )
+    gaps = int(np.sum(~np.isfinite(record.elevation)))
+    if gaps:
+        text = f"{name}: elevation: {gaps} samples are missing; what follows a gap does not count."
+        warnings.warn(text, InputWarning, stacklevel=3)
+    counted = _judged(record, settling)
     for field in ("a_s", "a_u"):
-        values = getattr(record, field)
-        spread = float(np.nanstd(values))
+        values = getattr(record, field)[counted]
+        usable = int(np.isfinite(values).sum())
+        if usable < FEWEST:
+            raise InputError(
+                f"{name}: {field}",
+                f"{usable} samples count: behind the settling time, on a known road, finite",
+                f"Give a record with at least {FEWEST}.",
+            )
+        spread = _spread_of(values)
         if not spread > _LEAST_ACCELERATION:
             raise InputError(
                 f"{name}: {field}",
                 f"it varies by {spread:.2g} m/s^2 only: the record holds no excitation",
                 "Give a record over a rough road.",
             )
+
+
+def _spread_of(values: np.ndarray) -> float:
+    """Standard deviation of the finite ones; 0 where there are none."""
+    known = values[np.isfinite(values)]
+    return float(np.std(known)) if known.size else 0.0
+
+
+def _judged(record: CornerRecord, settling: float) -> np.ndarray:
+    """Where errors count: behind the settling time, and away from gaps in the road."""
+    assert record.elevation is not None
+    t = record.t
+    missing = ~np.isfinite(record.elevation)
+    since = np.full(len(t), np.inf)
+    last = -np.inf
+    for k, gone in enumerate(missing):
+        last = t[k] if gone else last
+        since[k] = t[k] - last
+    return (t - t[0] >= settling) & (since >= AFTER_GAP)
 
 
 def _columns(record: CornerRecord, settling: float, m: int, length: int) -> dict[str, np.ndarray]:
@@ -186,7 +228,7 @@ def _columns(record: CornerRecord, settling: float, m: int, length: int) -> dict
     grid = before[0] + record.dt / m * np.arange(1, m * len(t) + 1)
     road = CubicSpline(before, elevation)
     fine = elevation[1:] if m == 1 else road(grid)
-    judged = t - t[0] >= settling
+    judged = _judged(record, settling)
     pressure = np.interp(grid, t, _filled(t, record.pressure))
     columns = {
         "rise": np.diff(fine, prepend=elevation[0]),

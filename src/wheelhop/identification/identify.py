@@ -20,6 +20,7 @@ from wheelhop.identification.descent import (
     descend,
     sums_and_derivatives,
 )
+from wheelhop.identification.descent import validate as validate_settings
 from wheelhop.identification.drives import SETTLING, Drives, Prepared, prepare
 from wheelhop.identification.objective import (
     Task,
@@ -28,7 +29,7 @@ from wheelhop.identification.objective import (
     mean_squares,
     task_of,
 )
-from wheelhop.identification.parameters import SearchSpace, search_space, with_values
+from wheelhop.identification.parameters import SearchSpace, search_space, value_of, with_values
 from wheelhop.identification.uncertainty import Uncertainty, uncertainty
 from wheelhop.identification.whitening import ON_BOUND
 from wheelhop.staging import staged_jit
@@ -43,8 +44,6 @@ SPREAD = 0.7
 
 POOR_FIT = 0.5
 """Unexplained share of the measured accelerations beyond which a fit is called poor."""
-
-_AT_BOUND = 1e-12
 
 
 @dataclass(frozen=True)
@@ -125,6 +124,7 @@ def identify(
     if starts < 1:
         raise InputError("starts", f"{starts}", "Give at least 1 starting point.")
     validate(start)
+    validate_settings(settings)
     first = space.free(start)
     prepared = prepare(records, names, settling)
     task = task_of(start, prepared.drives)
@@ -153,14 +153,18 @@ def _result(
 ) -> Identification:
     best = int(np.argmin(found.loss))
     free = jnp.asarray(found.free[best], task.weight.dtype)
-    bounds = _at_bounds(free, float(found.loss[best]), task, space)
-    free = jnp.asarray(
-        [ON_BOUND * b if b else f for b, f in zip(bounds, free.tolist(), strict=True)]
-    )
-    free = free.astype(task.weight.dtype)
+    bounds = [int(np.sign(f)) if abs(f) >= ON_BOUND else 0 for f in free.tolist()]
+    unseen = _unseen(free, float(found.loss[best]), task, space)
+    # what the records do not see keeps its start
+    free = jnp.where(jnp.asarray(unseen), jnp.asarray(first, free.dtype), free)
+    bounds = [0 if gone else b for b, gone in zip(bounds, unseen, strict=True)]
     exact = [
         (space.lower[k] if b < 0 else space.upper[k]) if b else float(v)
         for k, (b, v) in enumerate(zip(bounds, space.values(free), strict=True))
+    ]
+    exact = [
+        float(value_of(start, name)) if gone else v
+        for name, v, gone in zip(space.names, exact, unseen, strict=True)
     ]
     values = np.array(exact)
     # as many candidates as there were starts: that is compiled already
@@ -178,7 +182,7 @@ def _result(
         space,
         tuple(k for k, b in enumerate(bounds) if b),
     )
-    both = jnp.stack([free, jnp.asarray(first, free.dtype)])
+    both = jnp.stack([free, jnp.asarray(space.free(start, 1e-12), free.dtype)])
     both = jnp.tile(both, (len(free), 1))  # as many as the bounds take: compiled already
     squares = np.asarray(_compiled_squares(space)(both, task))
     measured = np.stack([np.asarray(a * a).sum((1, 2)) for a in (drives.a_s, drives.a_u)], 1)
@@ -212,15 +216,15 @@ def _compiled_squares(space: SearchSpace) -> Any:
     return staged_jit(lambda free, task: mean_squares(free, task, space))
 
 
-def _at_bounds(free: Any, loss: float, task: Task, space: SearchSpace) -> list[int]:
-    """-1 or 1 where the loss does not rise on the way to the lower or upper bound, else 0."""
+def _unseen(free: Any, loss: float, task: Task, space: SearchSpace) -> list[bool]:
+    """Whether a parameter may lie anywhere between its bounds without changing the loss."""
     n = len(free)
     moved = [free.at[k].set(side * ON_BOUND) for k in range(n) for side in (-1, 1)]
     squares = _compiled_squares(space)(jnp.stack(moved), task)
     shares = np.einsum("rc,src->s", np.asarray(task.weight) * _counts(task.drives), squares)
     there = np.nan_to_num(shares, nan=np.inf).reshape(n, 2)
-    flat = there <= loss * (1.0 + _AT_BOUND)
-    return [-1 if low else (1 if high else 0) for low, high in flat.tolist()]
+    rounding = 100 * float(np.finfo(np.asarray(free).dtype).eps)
+    return [bool(np.all(np.abs(pair - loss) <= rounding * loss)) for pair in there]
 
 
 def _counts(drives: Drives) -> np.ndarray:
@@ -243,8 +247,8 @@ def _problems(
     problems = []
     if not found.converged[best]:
         problems.append(
-            f"the best of {len(found.loss)} starts was still descending after the last iteration; "
-            "allow more iterations"
+            f"the best of {len(found.loss)} starts was still descending when it ended; allow more "
+            "iterations, or start elsewhere"
         )
     gone = int(np.sum(lost(found.loss)))
     if gone:

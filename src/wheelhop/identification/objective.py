@@ -21,7 +21,7 @@ from wheelhop.vehicle.parameters import QuarterCar
 
 FORWARD_LIMIT = 12
 """Most parameters whose gradient is carried forward: faster up to all nine there are (0.2 s
-against 1.3 s); the cost of reverse mode does not grow with them."""
+against 1.3 s); reverse mode, whose cost does not grow with them, is for longer lists to come."""
 
 _LOST = 1e12
 _LANES = 8
@@ -105,6 +105,7 @@ def of_sums(sums: Sums, task: Task) -> Evaluation:
 
 def _safe(loss: Any, gradient: Any, normal: Any) -> Evaluation:
     good = jnp.isfinite(loss) & (loss < _LOST) & jnp.isfinite(gradient).all(1)
+    good = good & jnp.isfinite(normal).all((1, 2))
     return Evaluation(
         jnp.where(good, loss, _LOST),
         jnp.where(good[:, None], gradient, 0.0),

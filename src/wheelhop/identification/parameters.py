@@ -14,6 +14,8 @@ from wheelhop.errors import InputError
 from wheelhop.filtering.parameterisation import Bijection, bounded
 from wheelhop.vehicle.parameters import QuarterCar
 
+_EDGE = 1e-3
+
 
 @dataclass(frozen=True)
 class Bounds:
@@ -44,8 +46,6 @@ SUSPENSION = (
     "suspension.cubic_stiffness",
 )
 """The four that Brancati & Tufano 2022, Table 2, leave unknown."""
-
-_EDGE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,12 @@ class SearchSpace:
         found = {name: m.constrain(free[k]) for k, (name, m) in enumerate(self._named())}
         return with_values(base, found)
 
-    def free(self, car: QuarterCar) -> np.ndarray:
-        """Free numbers [n] of a quarter car; on or next to a bound, a thousandth inside it.
+    def free(self, car: QuarterCar, inside: float = _EDGE) -> np.ndarray:
+        """Free numbers [n] of a quarter car.
+
+        Args:
+            car: parameters.
+            inside: share of the interval by which a number next to a bound is put inside it.
 
         Raises:
             InputError: naming a parameter that is outside its bounds.
@@ -95,7 +99,7 @@ class SearchSpace:
                     f"the start, {value:g} {unit}, is outside the bounds {low:g} to {high:g}",
                     "Start inside the bounds, widen them, or do not fit this parameter.",
                 )
-            share = min(max((value - low) / (high - low), _EDGE), 1.0 - _EDGE)
+            share = min(max((value - low) / (high - low), inside), 1.0 - inside)
             numbers.append(math.log(share) - math.log1p(-share))
         return np.array(numbers)
 

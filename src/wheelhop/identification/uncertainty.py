@@ -14,6 +14,7 @@ WEAK = 0.5
 """Relative standard error of a combination of parameters beyond which it is called weak."""
 
 _NULL = 1e-10
+_ROUNDING = 100.0
 _INVOLVED = 1e-3
 
 
@@ -99,14 +100,15 @@ def uncertainty(
 
     by_record = normal.sum(1)
     total = np.einsum("rc,rcij->ij", w, by_record)
-    variance = squares / np.maximum(counts - n * counts / counts.sum(), 1.0)
+    variance = squares / np.maximum(counts - len(used) * counts / counts.sum(), 1.0)
     inner = np.einsum("rc,rcij->ij", w * w * variance, by_record)
     of_block = np.einsum("rc,rbci->rbi", w, gradient)
     real = (np.abs(normal).sum((2, 3, 4)) > 0).sum()
     correction = real / max(real - len(used), 1)
     outer = correction * np.einsum("rbi,rbj->ij", of_block, of_block)
 
-    inverse, null = _inverse(total)
+    precision = _ROUNDING * float(np.finfo(np.asarray(sums.normal).dtype).eps)
+    inverse, null = _inverse(total, max(_NULL, precision))
     cov, robust = inverse @ inner @ inverse, inverse @ outer @ inverse
     relative = np.abs(np.asarray(values, float)[used])
     relative = np.where(relative > 0, relative, 1.0)
@@ -124,14 +126,18 @@ def uncertainty(
     )
 
 
-def _inverse(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _inverse(matrix: np.ndarray, smallest: float) -> tuple[np.ndarray, np.ndarray]:
     """Inverse on what the data determine, and parameter changes [n, k] that they do not see.
 
     Decided in units of each parameter's own information, where such changes stand out.
+
+    Args:
+        matrix: information [n, n].
+        smallest: eigenvalue, relative to the largest, that counts as seen.
     """
     size = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
-    dead = values < _NULL * values[-1]
+    dead = values < smallest * values[-1]
     good = vectors[:, ~dead] / np.sqrt(values[~dead]) / size[:, None]
     return good @ good.T, vectors[:, dead] / size[:, None]
 

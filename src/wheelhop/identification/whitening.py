@@ -13,8 +13,14 @@ from wheelhop.identification.objective import Evaluation
 ON_BOUND = 800.0
 """Free number, or its negative, of a parameter that lies on its bound to the last digit."""
 
+JUST_INSIDE = 12.0
+"""The same a little inside it, 6e-6 of the interval: where the slope tells which way is down."""
+
+REACH = 4.0
+"""Farthest that a round moves a free number."""
+
 _FLATTEST = 1e-10
-_REACH = 4.0
+_FLAT = 1e-12
 
 
 @jax.jit
@@ -32,19 +38,22 @@ def whitening_of(normal: Any, gradient: Any, free: Any) -> Any:
     return vectors / jnp.sqrt(jnp.maximum(values, floor))[:, None, :]
 
 
-def moved(center: Any, whitening: Any, z: Any) -> Any:
-    """theta = theta_0 + r tanh(W z / r): no round moves a free number by more than r."""
-    return center + _REACH * jnp.tanh(jnp.einsum("sij,sj->si", whitening, z) / _REACH)
+def moved(center: Any, whitening: Any, z: Any, reach: Any) -> Any:
+    """theta = theta_0 + r tanh(W z / r): no free number moves by more than r, [starts]."""
+    r = reach[:, None]
+    return center + r * jnp.tanh(jnp.einsum("sij,sj->si", whitening, z) / r)
 
 
 def promised_decrease(gradient: Any, whitening: Any) -> Any:
     """Decrease that the quadratic model J + g d + |W^-1 d|^2 promises, [starts].
 
-    Its step is cut where it would be longer than a round may go: near a bound the loss hardly
+    Its step is shortened where it is longer than a round may go: near a bound the loss hardly
     depends on the free number, and the model promises what no step can keep.
     """
     newton = -0.5 * jnp.einsum("sij,skj,sk->si", whitening, whitening, gradient)
-    return -0.5 * jnp.sum(gradient * jnp.clip(newton, -_REACH, _REACH), axis=1)
+    longest = jnp.max(jnp.abs(newton), axis=1)
+    share = REACH / jnp.maximum(longest, REACH)
+    return -0.5 * share * jnp.sum(gradient * newton, axis=1)
 
 
 def promises_nothing(promised: Any, loss: Any, tolerance: float) -> np.ndarray:
@@ -65,4 +74,24 @@ def put_on_bounds(free: Any, found: Evaluation) -> Any:
     """
     outward = found.gradient * (1.0 - 2.0 * jax.nn.sigmoid(free))
     close = 0.5 * outward > jnp.diagonal(found.normal, axis1=1, axis2=2)
-    return jnp.where(close, jnp.sign(free) * ON_BOUND, free)
+    falls = outward > _FLAT * found.loss[:, None]
+    return jnp.where(close & falls, jnp.sign(free) * ON_BOUND, free)
+
+
+@jax.jit
+def just_inside(free: Any) -> Any:
+    """Free numbers with those on a bound put a little inside it."""
+    return jnp.where(jnp.abs(free) >= ON_BOUND, jnp.sign(free) * JUST_INSIDE, free)
+
+
+@jax.jit
+def released(free: Any, inside: Any, found: Evaluation) -> Any:
+    """Free numbers with those put inside whose loss falls inwards.
+
+    Args:
+        free: free numbers, some on a bound.
+        inside: `just_inside` of them.
+        found: what is known there.
+    """
+    inward = found.gradient * jnp.sign(free) > _FLAT * found.loss[:, None]
+    return jnp.where((inside != free) & inward, inside, free)
