@@ -7,9 +7,11 @@ import pytest
 from truth import record, simulate, waves
 
 from wheelhop.identification.drives import prepare
+from wheelhop.identification.loss import inputs_of, step
 from wheelhop.identification.objective import evaluate, losses, mean_squares, task_of
 from wheelhop.identification.parameters import PARAMETERS, search_space, with_values
 from wheelhop.vehicle.parameters import brancati_suv
+from wheelhop.vehicle.quarter_car import RelativeState
 
 CAR = brancati_suv()
 CLOSE = {"suspension.stiffness": 36e3, "suspension.damping": 2100.0, "tire.damping": 90.0}
@@ -55,19 +57,21 @@ def test_gauss_newton_matrix_is_that_of_the_residuals_derivatives():
     """By central differences: with J = |r|^2, dr/dtheta from squares of shifted simulations."""
     space = search_space(("suspension.damping", "tire.stiffness"))
     free = jnp.asarray(space.free(START))
-    found = evaluate(free[None], TASK, space).normal[0]
+    found = jax.jit(lambda f: evaluate(f, TASK, space))(free[None]).normal[0]
     h = 1e-4
 
     def difference_energy(a, b):
         """Weighted |r(a) - r(b)|^2, by making the simulation at b the record."""
         own = PREPARED.drives
         car = space.car(b, START)
-        simulated = _accelerations(car, own)
+        simulated = accelerations_of(car, own)
         drives = own._replace(a_s=simulated[0] * own.count_s, a_u=simulated[1] * own.count_u)
-        sums = mean_squares(a[None], TASK._replace(drives=drives), space)
+        sums = squares(a[None], TASK._replace(drives=drives))
         counts = np.stack([np.asarray(c).sum((1, 2)) for c in (own.count_s, own.count_u)], 1)
         return float(np.sum(np.asarray(sums[0]) * counts * np.asarray(TASK.weight)))
 
+    accelerations_of = _compiled_accelerations()
+    squares = jax.jit(lambda f, task: mean_squares(f, task, space))
     basis = np.eye(2)
     for i in range(2):
         for j in range(2):
@@ -86,8 +90,9 @@ def test_gauss_newton_matrix_is_that_of_the_residuals_derivatives():
 def test_many_candidates_are_each_candidate_alone():
     space = search_space()
     free = jnp.asarray(space.free(START))[None] + 0.1 * jnp.arange(3.0)[:, None]
-    together = evaluate(free, TASK, space)
-    alone = [evaluate(free[k : k + 1], TASK, space) for k in range(3)]
+    compiled = jax.jit(lambda f: evaluate(f, TASK, space))
+    together = compiled(free)
+    alone = [compiled(free[k : k + 1]) for k in range(3)]
     for field in ("loss", "gradient", "normal"):
         each = np.concatenate([getattr(a, field) for a in alone])
         np.testing.assert_allclose(getattr(together, field), each, rtol=1e-11, atol=1e-14)
@@ -119,22 +124,21 @@ def test_float32_gives_the_float64_loss(float32):
     prepared = prepare(RECORDS)
     task = task_of(START, prepared.drives)
     assert task.weight.dtype == jnp.float32
-    free = jnp.asarray(ALL.free(START), jnp.float32)[None]
-    found = evaluate(free, task, ALL)
+    space = search_space()
+    free = space.free(START)[None]
+    found = jax.jit(lambda f: evaluate(f, task, space))(jnp.asarray(free, jnp.float32))
     assert found.gradient.dtype == jnp.float32
     with jax.enable_x64(True):
-        exact = evaluate(FREE, TASK, ALL)
+        exact = jax.jit(lambda f: evaluate(f, TASK, space))(jnp.asarray(free))
     assert float(found.loss[0]) == pytest.approx(float(exact.loss[0]), rel=1e-4)
     scale = float(np.abs(exact.gradient).max())
     np.testing.assert_allclose(found.gradient, exact.gradient, atol=1e-3 * scale)
 
 
-def _accelerations(car, drives):
-    """Simulated a_s and a_u of all samples, [records, blocks, samples]."""
-    from wheelhop.identification.loss import inputs_of, step
-    from wheelhop.vehicle.quarter_car import RelativeState
+def _compiled_accelerations():
+    """A function of car and drives: a_s and a_u of all steps, [records, blocks, steps]."""
 
-    def one(drive):
+    def one(car, drive):
         def sample(x, now):
             rise, slopes, pressure = now
             x, a = step(x, car, pressure, rise, slopes, drive.dt)
@@ -145,4 +149,4 @@ def _accelerations(car, drives):
         _, out = jax.lax.scan(sample, RelativeState(zero, zero, zero, zero), inputs)
         return tuple(o.reshape(drive.rise.shape) for o in out)
 
-    return jax.jit(jax.vmap(one))(drives)
+    return jax.jit(jax.vmap(one, in_axes=(None, 0)))
