@@ -4,40 +4,31 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
-from jax.custom_batching import custom_vmap
 
 from wheelhop.errors import InputError, require_in_range
-from wheelhop.identification.loss import Sums
+from wheelhop.identification.lbfgs import compiled_advance, derivatives, first_state
 from wheelhop.identification.objective import (
     Evaluation,
     Task,
-    candidate_sums,
-    evaluate,
-    losses,
     lost,
-    of_sums,
 )
 from wheelhop.identification.parameters import SearchSpace
 from wheelhop.identification.whitening import (
     REACH,
     just_inside,
-    moved,
     promised_decrease,
     promises_nothing,
     put_on_bounds,
     released,
     whitening_of,
 )
-from wheelhop.staging import staged_jit
 
-_LINE_STEPS = 8
 _SHORTEST = 1e-2
 
 
@@ -138,7 +129,7 @@ def _descend(
     on_progress: OnProgress | None,
 ) -> Descended:
     log = _Log(settings.warm_up + settings.iterations, len(starts), on_progress)
-    advance = _compiled_advance(space, settings.memory)
+    advance = compiled_advance(space, settings.memory)
     derive = derivatives(space, mode)
     free = jnp.asarray(starts, task.weight.dtype)
     free, best = _warm_up(free, derive, task, settings, log)
@@ -160,7 +151,7 @@ def _descend(
             break
         before, center = best.loss, free
         z, found = jnp.zeros_like(free), best
-        state = _begin(settings.memory)(z)
+        state = first_state(settings.memory)(z)
         for _ in range(min(settings.refresh, settings.iterations - done)):
             z, new, state, trials = advance(z, state, found, center, whitening, reach, task)
             found = derive(new, task)
@@ -224,7 +215,7 @@ class _Log:
         self.losses: list[np.ndarray] = []
         self.seconds: list[float] = []
         self.evaluations: list[int] = []
-        self._begin, self._count = time.perf_counter(), 0
+        self.first_state, self._count = time.perf_counter(), 0
 
     def count(self, evaluations: int) -> None:
         self._count += evaluations
@@ -238,7 +229,7 @@ class _Log:
         self.best = np.minimum(self.best, losses)
         self.count(evaluations)
         self.losses.append(self.best)
-        self.seconds.append(time.perf_counter() - self._begin)
+        self.seconds.append(time.perf_counter() - self.first_state)
         self.evaluations.append(self._count)
         if self.on_progress is not None:
             self.on_progress(len(self.losses), self.most, float(self.best.min()))
@@ -266,80 +257,9 @@ def _warm_up(
     return place, best
 
 
-@lru_cache(maxsize=16)
-def _solver(memory: int) -> optax.GradientTransformationExtraArgs:
-    search = optax.scale_by_backtracking_linesearch(
-        _LINE_STEPS, decrease_factor=0.4, increase_factor=4.0, max_learning_rate=1.0
-    )
-    return optax.lbfgs(memory_size=memory, linesearch=search)
-
-
-@lru_cache(maxsize=32)
-def sums_and_derivatives(space: SearchSpace) -> Callable[[Any, Task], tuple[Sums, Evaluation]]:
-    """Compiled sums of candidates, and their loss and derivatives carried forward."""
-
-    def both(free: Any, task: Task) -> tuple[Sums, Evaluation]:
-        sums = candidate_sums(free, task, space)
-        return sums, of_sums(sums, task)
-
-    return staged_jit(both)
-
-
-@lru_cache(maxsize=32)
-def derivatives(space: SearchSpace, mode: str) -> Callable[[Any, Task], Evaluation]:
-    """Compiled loss and derivatives of candidates."""
-    if mode == "forward":
-        return lambda free, task: sums_and_derivatives(space)(free, task)[1]
-    return staged_jit(lambda free, task: evaluate(free, task, space, mode))
-
-
-@lru_cache(maxsize=16)
-def _compiled_advance(space: SearchSpace, memory: int) -> Callable[..., Any]:
-    """Direction and line search of one L-BFGS iteration of all starts, compiled."""
-    solver = _solver(memory)
-
-    @custom_vmap
-    def value(free: Any, task: Task) -> Any:
-        return losses(free[None], task, space)[0]
-
-    @value.def_vmap
-    def _values(size: int, batched: Any, free: Any, task: Task) -> tuple[Any, bool]:
-        del size, batched
-        return losses(free, task, space), True
-
-    def advance(
-        z: Any, state: Any, found: Evaluation, center: Any, w: Any, reach: Any, task: Task
-    ) -> Any:
-        _, back = jax.vjp(lambda z: moved(center, w, z, reach), z)
-        (slope,) = back(found.gradient)
-
-        def one(z: Any, state: Any, slope: Any, loss: Any, center: Any, w: Any, r: Any) -> Any:
-            def along(z: Any) -> Any:
-                return value(moved(center[None], w[None], z[None], r[None])[0], task)
-
-            updates, state = solver.update(slope, state, z, value=loss, grad=slope, value_fn=along)
-            return optax.apply_updates(z, updates), state
-
-        z, state = _strong(jax.vmap(one)(z, state, slope, found.loss, center, w, reach))
-        return z, moved(center, w, z, reach), state, state[-1].info.num_linesearch_steps
-
-    return staged_jit(advance)
-
-
 def _chosen(mask: Any, new: Any, old: Any) -> Any:
     """Start by start, the new where the mask says so."""
     mask = jnp.asarray(mask)
     return jax.tree.map(
         lambda a, b: jnp.where(jnp.expand_dims(mask, tuple(range(1, a.ndim))), a, b), new, old
     )
-
-
-@lru_cache(maxsize=16)
-def _begin(memory: int) -> Any:
-    """The solver's first state."""
-    return jax.jit(lambda z: _strong(jax.vmap(_solver(memory).init)(z)))
-
-
-def _strong(tree: Any) -> Any:
-    """Arrays of definite type, so that a later state does not compile anew."""
-    return jax.tree.map(lambda a: jax.lax.convert_element_type(a, a.dtype), tree)

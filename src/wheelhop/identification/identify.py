@@ -18,10 +18,10 @@ from wheelhop.identification.descent import (
     OnProgress,
     Settings,
     descend,
-    sums_and_derivatives,
 )
 from wheelhop.identification.descent import validate as validate_settings
 from wheelhop.identification.drives import SETTLING, Drives, Prepared, prepare
+from wheelhop.identification.lbfgs import sums_and_derivatives
 from wheelhop.identification.objective import (
     Task,
     gradient_mode,
