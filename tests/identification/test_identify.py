@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -12,6 +13,7 @@ from benchmarks.recovery import trial
 from wheelhop.errors import DivergenceError, InputError, InputWarning
 from wheelhop.identification import SUSPENSION, Settings, identify, search_space
 from wheelhop.identification.parameters import value_of, with_values
+from wheelhop.identification.whitening import ON_BOUND, moved
 from wheelhop.vehicle.parameters import brancati_suv
 
 CAR = with_values(brancati_suv(), {"sprung_mass": TRUE["sprung_mass"]})
@@ -109,6 +111,15 @@ def test_a_parameter_that_wants_beyond_its_bound_is_named():
     assert float(found.car.suspension.quadratic_damping) == 0.0
     assert np.isnan(found.uncertainty.standard_errors[k])
     assert np.isfinite(np.delete(found.uncertainty.standard_errors, k)).all()
+
+
+def test_what_lies_on_a_bound_is_not_shifted_by_rounding():
+    """A last digit off, it would look like a parameter inside, of which nothing is known."""
+    center = jnp.array([[ON_BOUND, -ON_BOUND, 0.3]])
+    whitening = jnp.array([[[1e5, 2.0, 0.1], [3.0, 1e4, 0.2], [0.1, 0.2, 1.0]]])
+    there = moved(center, whitening, jnp.array([[1e-8, -3e-7, 0.1]]), jnp.array([4.0]))
+    np.testing.assert_array_equal(there[0, :2], center[0, :2])
+    assert there[0, 2] != center[0, 2]
 
 
 def test_a_start_that_runs_into_a_bound_on_its_way_comes_back():

@@ -39,9 +39,13 @@ def whitening_of(normal: Any, gradient: Any, free: Any) -> Any:
 
 
 def moved(center: Any, whitening: Any, z: Any, reach: Any) -> Any:
-    """theta = theta_0 + r tanh(W z / r): no free number moves by more than r, [starts]."""
+    """theta = theta_0 + r tanh(W z / r): no free number moves by more than r, [starts].
+
+    What lies on a bound stays there to the last digit.
+    """
     r = reach[:, None]
-    return center + r * jnp.tanh(jnp.einsum("sij,sj->si", whitening, z) / r)
+    there = center + r * jnp.tanh(jnp.einsum("sij,sj->si", whitening, z) / r)
+    return jnp.where(jnp.abs(center) >= ON_BOUND, center, there)
 
 
 def promised_decrease(gradient: Any, whitening: Any) -> Any:
