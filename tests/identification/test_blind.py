@@ -155,6 +155,7 @@ def test_score_is_the_gradient_of_the_log_likelihood(everything):
         np.testing.assert_allclose(score[k], (above - below) / 2e-4, rtol=2e-5, atol=2e-4)
 
 
+@pytest.mark.slow
 def test_information_is_the_covariance_of_the_score():
     """Blocks' scores at the truth: as large as the information says, chi-square of 5."""
     found = fitted_logs()

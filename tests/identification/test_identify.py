@@ -150,6 +150,7 @@ def test_what_the_records_do_not_see_keeps_its_start_and_is_named():
     assert np.isfinite(found.uncertainty.standard_errors[0])
 
 
+@pytest.mark.slow
 def test_accelerations_leave_the_common_scale_of_masses_and_stiffnesses_open():
     linear = {"suspension.cubic_stiffness": 0.0, "suspension.quadratic_damping": 0.0}
     names = (
