@@ -302,3 +302,9 @@ def test_standard_errors_are_honest():
         inside.append(np.abs(z) < 2)
     assert 6 * 0.55 < np.mean(squares) < 6 * 1.55
     assert 0.88 < np.mean(inside) <= 1.0
+
+
+def test_refuses_records_of_one_name():
+    """Levels and weights go by the records' names."""
+    with pytest.raises(InputError, match="a name of its own"):
+        lay(logs(duration=3.0)[:1] * 2, ["a", "a"])

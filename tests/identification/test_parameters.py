@@ -45,7 +45,8 @@ def test_no_free_number_leaves_the_bounds_or_the_finite_numbers(far):
 def test_what_can_be_fitted_is_what_a_vehicle_file_accepts():
     for side in ("lower", "upper"):
         for name, bounds in PARAMETERS.items():
-            validate(with_values(CAR, {name: getattr(bounds, side)}))
+            car = with_values(CAR, {name: getattr(bounds, side)})
+            assert validate(car) == car
 
 
 def test_a_start_on_a_bound_begins_just_inside():

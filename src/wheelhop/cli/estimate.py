@@ -109,6 +109,7 @@ def demo(
 
 
 def refuse_front_for_rear(corner: str | None, vehicle: Path | None) -> None:
+    """Raise `InputError` for a rear corner without a vehicle: the default one is a front corner."""
     if vehicle is None and corner is not None and corner.startswith("R"):
         raise InputError(
             "--vehicle",

@@ -122,4 +122,5 @@ def _show_warning(message: Any, category: Any, *args: Any, **kwargs: Any) -> Non
 
 
 def escape(text: str) -> str:
+    """Text whose square brackets, as of units, are no markup."""
     return text.replace("[", "\\[")

@@ -13,7 +13,6 @@ import numpy as np
 
 from wheelhop.errors import DivergenceError, InputError, InputWarning, require_in_range
 from wheelhop.identification.descent import Descended, OnProgress
-from wheelhop.identification.identify import SPREAD
 from wheelhop.identification.likelihood import (
     FILTERS,
     LEVEL,
@@ -24,7 +23,12 @@ from wheelhop.identification.likelihood import (
     waviness_of,
 )
 from wheelhop.identification.loss import Sums
-from wheelhop.identification.parameters import SearchSpace, search_space, with_values
+from wheelhop.identification.parameters import (
+    SearchSpace,
+    search_space,
+    starting_points,
+    with_values,
+)
 from wheelhop.identification.scoring import Ascent, Point, ascend
 from wheelhop.identification.uncertainty import Uncertainty, uncertainty
 from wheelhop.identification.unknown_road import RATE, SETTLING, Laid, lay
@@ -147,7 +151,7 @@ def identify_blind(
     laid = lay(records, names, settling, rate, (0.0, 0.0) if noise is None else noise)
     fitted = Fitted(space, waviness is None, noise is None, waviness != 2.0, filter, laid.substeps)
     work = _Work(fitted, laid, start, waviness, noise, starts)
-    points = work.with_roads(_points(first, starts, seed))
+    points = work.with_roads(starting_points(first, starts, seed))
     begun = work.evaluate(points).log_likelihood[0]
     found = ascend(points, work.evaluate, settings, on_progress, work.precision)
     if not np.isfinite(found.loss).any():
@@ -266,11 +270,6 @@ def _check(
         raise InputError("starts", f"{starts}", "Give at least 1 starting point.")
     if filter not in FILTERS:
         raise InputError("filter", f"{filter!r} is unknown", f"Use one of {list(FILTERS)}.")
-
-
-def _points(first: np.ndarray, starts: int, seed: int) -> np.ndarray:
-    random = np.random.default_rng(seed).normal(size=(starts - 1, len(first)))
-    return np.concatenate([first[None], first + SPREAD * random])
 
 
 def _result(work: _Work, found: Descended, start: QuarterCar, begun: float) -> BlindIdentification:

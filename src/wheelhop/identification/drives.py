@@ -97,18 +97,7 @@ def prepare(
         InputError: naming the record, the field and the remedy, for no record, one without
             pressure or road, too short, or without excitation.
     """
-    if not records:
-        raise InputError("records", "there is none", "Give at least one record.")
-    if names is None:
-        names = [f"record {k + 1}" for k in range(len(records))]
-    if len(names) != len(records):
-        raise InputError(
-            "names", f"{len(names)} for {len(records)} records", "Give one for each record."
-        )
-    if len(set(names)) != len(names):
-        raise InputError("names", f"{list(names)}", "Give each record a name of its own.")
-    if not (math.isfinite(settling) and settling >= 0):
-        raise InputError("settling", f"{settling:g} s", "Give a time of at least 0 s.")
+    names = checked_names(records, names, settling)
     for name, record in zip(names, records, strict=True):
         _check(name, record, settling)
     steps = tuple(max(1, math.ceil(record.dt / COARSEST_STEP)) for record in records)
@@ -126,7 +115,31 @@ def prepare(
     }
     dt = np.array([r.dt / m for r, m in zip(records, steps, strict=True)])
     drives = Drives(**laid, dt=jnp.asarray(dt, float))
-    return Prepared(tuple(names), tuple(records), drives, steps)
+    return Prepared(names, tuple(records), drives, steps)
+
+
+def checked_names(
+    records: Sequence[CornerRecord], names: Sequence[str] | None, settling: float
+) -> tuple[str, ...]:
+    """Names of the records, `record 1` and so on if none are given.
+
+    Raises:
+        InputError: for no record, names that do not fit or repeat, or a settling time that is
+            none.
+    """
+    if not records:
+        raise InputError("records", "there is none", "Give at least one record.")
+    if names is None:
+        names = [f"record {k + 1}" for k in range(len(records))]
+    if len(names) != len(records):
+        raise InputError(
+            "names", f"{len(names)} for {len(records)} records", "Give one for each record."
+        )
+    if len(set(names)) != len(names):
+        raise InputError("names", f"{list(names)}", "Give each record a name of its own.")
+    if not (math.isfinite(settling) and settling >= 0):
+        raise InputError("settling", f"{settling:g} s", "Give a time of at least 0 s.")
+    return tuple(names)
 
 
 def with_road(record: CornerRecord, road: Profile, reflect: bool = False) -> CornerRecord:

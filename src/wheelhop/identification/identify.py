@@ -29,7 +29,13 @@ from wheelhop.identification.objective import (
     mean_squares,
     task_of,
 )
-from wheelhop.identification.parameters import SearchSpace, search_space, value_of, with_values
+from wheelhop.identification.parameters import (
+    SearchSpace,
+    search_space,
+    starting_points,
+    value_of,
+    with_values,
+)
 from wheelhop.identification.uncertainty import Uncertainty, uncertainty
 from wheelhop.identification.whitening import ON_BOUND
 from wheelhop.staging import staged_jit
@@ -38,9 +44,6 @@ from wheelhop.vehicle.record import CornerRecord
 
 STARTS = 8
 """Default number of starting points."""
-
-SPREAD = 0.7
-"""Standard deviation of the random starts, in free numbers: about a factor of two."""
 
 POOR_FIT = 0.5
 """Unexplained share of the measured accelerations beyond which a fit is called poor."""
@@ -128,7 +131,7 @@ def identify(
     first = space.free(start)
     prepared = prepare(records, names, settling)
     task = task_of(start, prepared.drives)
-    points = _points(first, starts, seed)
+    points = starting_points(first, starts, seed)
     found = descend(points, task, space, mode, settings, on_progress)
     if lost(found.loss).all():
         raise DivergenceError(
@@ -136,11 +139,6 @@ def identify(
             "vehicle, narrow the bounds, or check the records' units"
         )
     return _result(found, first, prepared, task, space, start)
-
-
-def _points(first: np.ndarray, starts: int, seed: int) -> np.ndarray:
-    random = np.random.default_rng(seed).normal(size=(starts - 1, len(first)))
-    return np.concatenate([first[None], first + SPREAD * random])
 
 
 def _result(

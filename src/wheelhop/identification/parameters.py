@@ -14,6 +14,9 @@ from wheelhop.errors import InputError
 from wheelhop.filtering.parameterisation import Bijection, bounded
 from wheelhop.vehicle.parameters import QuarterCar
 
+SPREAD = 0.7
+"""Standard deviation of the random starts, in free numbers: about a factor of two."""
+
 _EDGE = 1e-3
 
 
@@ -144,6 +147,12 @@ def search_space(
             )
     lower, upper = zip(*((float(a), float(b)) for a, b in chosen), strict=True)
     return SearchSpace(tuple(names), lower, upper)
+
+
+def starting_points(first: np.ndarray, starts: int, seed: int) -> np.ndarray:
+    """The given free numbers [n] and random ones around them, [starts, n]."""
+    random = np.random.default_rng(seed).normal(size=(starts - 1, len(first)))
+    return np.concatenate([first[None], first + SPREAD * random])
 
 
 def value_of(car: QuarterCar, name: str) -> Any:

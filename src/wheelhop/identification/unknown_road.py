@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from wheelhop.errors import InputError
-from wheelhop.identification.drives import SHORTEST
+from wheelhop.identification.drives import SHORTEST, checked_names
 from wheelhop.identification.likelihood import Course
 from wheelhop.identification.road_model import LONGEST_STEP
 from wheelhop.vehicle.record import CornerRecord
@@ -70,16 +70,7 @@ def lay(
         InputError: naming the record, the field and the remedy, for no record, one without
             pressure or speed, standing still, too short, or without excitation.
     """
-    if not records:
-        raise InputError("records", "there is none", "Give at least one record.")
-    if names is None:
-        names = [f"record {k + 1}" for k in range(len(records))]
-    if len(names) != len(records):
-        raise InputError(
-            "names", f"{len(names)} for {len(records)} records", "Give one for each record."
-        )
-    if not (math.isfinite(settling) and settling >= 0):
-        raise InputError("settling", f"{settling:g} s", "Give a time of at least 0 s.")
+    names = checked_names(records, names, settling)
     if not (math.isfinite(rate) and rate >= 50.0):
         raise InputError("rate", f"{rate:g} Hz", "Give at least 50 Hz; the default is 500 Hz.")
     for name, record in zip(names, records, strict=True):
@@ -99,7 +90,7 @@ def lay(
     )
     substeps = max(1, math.ceil(float(dt.max()) / LONGEST_STEP - 1e-6))
     speeds = np.array([float(np.mean(r.v)) for r in records])
-    return Laid(tuple(names), course, substeps, speeds)
+    return Laid(names, course, substeps, speeds)
 
 
 def _check(name: str, record: CornerRecord, settling: float, noise: tuple[float, float]) -> None:
