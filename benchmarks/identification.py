@@ -289,7 +289,7 @@ def draw(ways: dict[str, Way]) -> Any:
     ):
         ax.set_xlabel(label)
         ax.set_ylabel("loss above the lowest\nfound [-]")
-    axes[0].legend(fontsize=7, ncols=2)
+    axes[0].legend(fontsize=7, loc="upper right")
     axes[0].set_title(
         "Descent against genetic algorithms, the same simulator", loc="left", fontsize=11
     )
