@@ -72,11 +72,12 @@ class Tuning:
         noise_a_s: standard deviation of the body accelerometer [m/s^2].
         noise_a_u: standard deviation of the wheel accelerometer [m/s^2].
         stiffness_walk: random walk of ln k_t [1/sqrt(s)].
-        velocity_walk: random walk of both velocities [m/s/sqrt(s)], for what the model lacks.
+        velocity_walk: random walk of the body's velocity [m/s/sqrt(s)], for what the model lacks.
         stay: diagonal of Pz, the probability that the road class holds from one sample to
             the next.
         prior_pressure: mean of the prior [Pa].
         prior_pressure_sigma: its standard deviation [Pa].
+        wheel_walk: random walk of the wheel's velocity [m/s/sqrt(s)]; None for the body's.
     """
 
     noise_a_s: float = 0.5
@@ -86,6 +87,7 @@ class Tuning:
     stay: float = 0.97
     prior_pressure: float = 180e3
     prior_pressure_sigma: float = 29e3
+    wheel_walk: float | None = None
 
 
 @jax.tree_util.register_dataclass
@@ -98,7 +100,7 @@ class MemberParams:
         road_level: Gd(W0) of the member's road [m^3/rad].
         speed: v [m/s].
         dt: sampling interval [s].
-        noise_a_s, noise_a_u, stiffness_walk, velocity_walk: as in `Tuning`.
+        noise_a_s, noise_a_u, stiffness_walk, velocity_walk, wheel_walk: as in `Tuning`.
     """
 
     car: QuarterCar
@@ -109,6 +111,7 @@ class MemberParams:
     noise_a_u: Any
     stiffness_walk: Any
     velocity_walk: Any
+    wheel_walk: Any
 
 
 def corner_model(substeps: int = 1) -> StateSpaceModel:
@@ -137,15 +140,15 @@ def corner_model(substeps: int = 1) -> StateSpaceModel:
     def process_cov(x: CornerState, params: MemberParams) -> tuple:
         dt = params.dt
         q = road_velocity_intensity(params.road_level, params.speed)
-        walk = params.velocity_walk**2 * dt
+        body, wheel = params.velocity_walk**2 * dt, params.wheel_walk**2 * dt
         road = road_noise_cov(jnp.exp(x.ln_k_t), q, dt, params.car, substeps)
         (dd,), (ed, ee), (sd, se, ss), (ud, ue, us, uu) = road
         zero = 0.0 * q
         return (
             (dd,),
             (ed, ee),
-            (sd, se, ss + walk),
-            (ud, ue, us, uu + walk),
+            (sd, se, ss + body),
+            (ud, ue, us, uu + wheel),
             (zero, zero, zero, zero, params.stiffness_walk**2 * dt),
         )
 
@@ -193,6 +196,7 @@ def member_params(
         tuning.noise_a_u,
         tuning.stiffness_walk,
         tuning.velocity_walk,
+        tuning.velocity_walk if tuning.wheel_walk is None else tuning.wheel_walk,
     )
     return jax.tree.map(lambda a: jnp.asarray(a, float), params)
 
@@ -265,6 +269,8 @@ def validate_tuning(tuning: Tuning) -> Tuning:
     require_in_range("tuning.noise_a_u", tuning.noise_a_u, 1e-4, 100.0, "m/s^2")
     require_in_range("tuning.stiffness_walk", tuning.stiffness_walk, 0.0, 10.0, "1/sqrt(s)")
     require_in_range("tuning.velocity_walk", tuning.velocity_walk, 0.0, 100.0, "m/s/sqrt(s)")
+    if tuning.wheel_walk is not None:
+        require_in_range("tuning.wheel_walk", tuning.wheel_walk, 0.0, 100.0, "m/s/sqrt(s)")
     require_in_range("tuning.stay", tuning.stay, 1e-6, 1.0, "(probability)")
     require_in_range("tuning.prior_pressure", tuning.prior_pressure, 20e3, 1.5e6, "Pa")
     require_in_range("tuning.prior_pressure_sigma", tuning.prior_pressure_sigma, 1.0, 1e6, "Pa")

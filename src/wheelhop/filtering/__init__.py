@@ -2,7 +2,7 @@
 
 from wheelhop.filtering import drive, parameterisation
 from wheelhop.filtering.augmented import AugmentedModel, augmented
-from wheelhop.filtering.batch import log_likelihood_batch, run_batch
+from wheelhop.filtering.batch import log_likelihood_batch, run_batch, total_batch
 from wheelhop.filtering.constrained import ConstrainedParams, constrained
 from wheelhop.filtering.decoupling import (
     DecoupledModel,
@@ -115,6 +115,7 @@ __all__ = [
     "standard_deviation",
     "strong_observability",
     "student_t",
+    "total_batch",
     "unknown_input",
     "unscented",
     "unscented_smoother",

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from wheelhop.filtering import drive
-from wheelhop.filtering.drive import Bind, Keep, constant_params
+from wheelhop.filtering.drive import Bind, Keep, Score, constant_params
 from wheelhop.filtering.interface import Filter, Named, Params, State
 from wheelhop.filtering.lanes import keeps_lanes
 from wheelhop.staging import staged_jit
@@ -94,6 +94,32 @@ def log_likelihood_batch(
     return _batched(work, (state, ys, params, inputs), in_axes, lanes, devices)
 
 
+def total_batch(
+    filter: Filter,
+    state: State,
+    ys: Named,
+    params: Params,
+    score: Score,
+    *,
+    targets: Any = None,
+    inputs: Any = None,
+    bind: Bind = constant_params,
+    in_axes: Axes = _ONE_RECORD_PER_RUN,
+    lanes: int = LANES,
+    segment: int | None = None,
+    devices: Sequence[Any] | None = None,
+) -> Any:
+    """Sum of a score over the steps of every run [runs]; `drive.total` in lanes.
+
+    Arguments as `run_batch`; `score`, which must be elementwise, and `segment` as `drive.total`.
+    `targets` lead with a run axis where the inputs do.
+    """
+    work = _Total(filter, _first(bind), score, segment)
+    *others, axis = in_axes
+    trees = (state, ys, params, (inputs, targets))
+    return _batched(work, trees, (*others, (axis, axis)), lanes, devices)
+
+
 class _Run(tuple):
     """What to do with one chunk; a tuple, so that equal work compiles once."""
 
@@ -116,6 +142,31 @@ class _LogLikelihood(tuple):
         return drive.log_likelihood(
             filter, state, ys, params, inputs=inputs, bind=bind, segment=segment
         )
+
+
+class _Total(tuple):
+    def __new__(cls, filter: Filter, bind: Bind, score: Score, segment: int | None) -> _Total:
+        return super().__new__(cls, (filter, bind, score, segment))
+
+    def __call__(self, state: Any, ys: Any, params: Any, inputs: Any) -> Any:
+        filter, bind, score, segment = self
+        return drive.total(
+            filter,
+            state,
+            ys,
+            params,
+            score,
+            targets=inputs[1],
+            inputs=inputs,
+            bind=bind,
+            segment=segment,
+        )
+
+
+@lru_cache(maxsize=64)
+def _first(bind: Bind) -> Bind:
+    """`bind` with the first of (inputs, targets)."""
+    return lambda params, both: bind(params, both[0])
 
 
 def _batched(

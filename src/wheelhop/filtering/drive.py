@@ -20,6 +20,9 @@ Bind = Callable[[Params, Any], Params]
 Keep = Callable[[State, Info], Any]
 """What to store of a step; storing less saves memory."""
 
+Score = Callable[[State, Info, Any], Any]
+"""(state, info, target) of one time -> a number."""
+
 
 class Trajectory(NamedTuple):
     """States after every update and the steps' reports, with a leading time axis."""
@@ -107,12 +110,42 @@ def log_likelihood(
 ) -> Any:
     """log p(y_1..y_T | params), differentiable in reverse mode through long records.
 
+    Args and memory as `total`.
+
+    Raises:
+        ValueError: if `segment` is not positive.
+    """
+    return total(filter, state, ys, params, evidence, inputs=inputs, bind=bind, segment=segment)
+
+
+def evidence(state: State, info: Info, target: Any) -> Any:
+    """The `Score` of `log_likelihood`."""
+    del state, target
+    return info.log_likelihood
+
+
+def total(
+    filter: Filter,
+    state: State,
+    ys: Named,
+    params: Params,
+    score: Score,
+    *,
+    targets: Any = None,
+    inputs: Any = None,
+    bind: Bind = constant_params,
+    segment: int | None = None,
+) -> Any:
+    """Sum of a score over the steps, differentiable in reverse mode through long records.
+
     Steps and segments of the record are rematerialised in the backward pass, so that memory
     holds the states at the segments' ends and those of one segment: flat in practice, about
     2 sqrt(T) states.
 
     Args:
         filter, state, ys, params, inputs, bind: as in `scan`.
+        score: (state, info, target) of one time -> a number.
+        targets: pytree of what the score compares with, every leaf [time, ...].
         segment: samples per segment; the square root of the record's length by default.
 
     Raises:
@@ -132,20 +165,21 @@ def log_likelihood(
         return array.reshape(segments, segment, *array.shape[1:])
 
     def add(carry: tuple[State, Any], slices: Any) -> tuple[tuple[State, Any], None]:
-        y, u, real = slices
+        y, u, target, real = slices
         new, info = filter.step(carry[0], y, bind(params, u))
+        value = score(new, info, target)
         if segments * segment > samples:  # padding must not run on: its gradient could overflow
             new = jax.tree.map(lambda a, b: jnp.where(real, a, b), new, carry[0])
-        return (new, carry[1] + jnp.where(real, info.log_likelihood, 0.0)), None
+        return (new, carry[1] + jnp.where(real, value, 0.0)), None
 
     def add_segment(carry: Any, slices: Any) -> tuple[Any, None]:
         return jax.lax.scan(jax.checkpoint(add), carry, slices)
 
-    record = jax.tree.map(cut, (ys, inputs))
+    record = jax.tree.map(cut, (ys, inputs, targets))
     real = jnp.arange(segments * segment).reshape(segments, segment) < samples
     zero = jnp.zeros(jax.tree.leaves(ys)[0].shape[1:], jax.tree.leaves(state)[0].dtype)
-    (_, total), _ = jax.lax.scan(jax.checkpoint(add_segment), (state, zero), (*record, real))
-    return total
+    (_, found), _ = jax.lax.scan(jax.checkpoint(add_segment), (state, zero), (*record, real))
+    return found
 
 
 def run_in_chunks(

@@ -85,7 +85,7 @@ def interacting(member: Filter) -> Filter:
         log_probabilities, log_likelihood = correct(predicted, infos.log_likelihood)
         combined = member.mix(jnp.exp(log_probabilities), states)
         finite = all_finite((combined, log_likelihood))
-        report = _mixture_info(jnp.exp(predicted), infos, log_likelihood, finite)
+        report = mixture_info(jnp.exp(predicted), infos, log_likelihood, finite)
         return InteractingState(states, log_probabilities, combined), report
 
     def mix(weights: Any, stacked: InteractingState) -> InteractingState:
@@ -151,7 +151,7 @@ def correct(predicted: Any, log_likelihoods: Any) -> tuple[Any, Any]:
 
 
 @stage
-def _mixture_info(probabilities: Any, infos: Info, log_likelihood: Any, finite: Any) -> Info:
+def mixture_info(probabilities: Any, infos: Info, log_likelihood: Any, finite: Any) -> Info:
     """Info of the mixture; the innovation is moment-matched over the members' predictions."""
     matched = moment_match(probabilities, Gaussian(infos.innovation, infos.innovation_cov))
     flags = infos.flags._replace(

@@ -1,0 +1,135 @@
+"""The filters that are compared in every row, and how they are tuned.
+
+A filter joins by one line in `CONTENDERS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from wheelhop.estimators.candidate import Candidate, Track, constant_track, track
+from wheelhop.estimators.candidates import (
+    PRIOR_PRESSURE,
+    PRIOR_SIGMA,
+    all_corrected,
+    all_printed,
+    class_a_corrected,
+    class_a_printed,
+)
+from wheelhop.estimators.tuning import Tuned, TuningSettings, tune
+from wheelhop.studies.brancati.plant import RATE, Driven
+from wheelhop.vehicle.parameters import QuarterCar
+from wheelhop.vehicle.tire import pressure_slope, stiffness_from_pressure
+
+CONTENDERS: tuple[Callable[[Mapping[str, QuarterCar], float, str], Candidate], ...] = (
+    all_printed,
+    all_corrected,
+    class_a_printed,
+    class_a_corrected,
+)
+"""(cars by class, sampling interval [s], convention of road levels) -> candidate."""
+
+FLOOR = "constant 180 kPa"
+"""Name of what every filter must beat: the middle of the range, and nothing learnt."""
+
+
+@dataclass(frozen=True)
+class TunedFilter:
+    """A candidate and the tuning it is judged with."""
+
+    candidate: Candidate
+    tuned: Tuned
+
+    @property
+    def name(self) -> str:
+        """As in tables."""
+        return self.candidate.name
+
+    def track(self, driven: Driven, numbers: Any, stride: int = 1) -> Track:
+        """Filter drives.
+
+        Args:
+            driven: the drives.
+            numbers: of the drives [runs]; they seed initial states and artificial roads.
+            stride: keep every so many samples.
+        """
+        keys = filter_keys(numbers)
+        return track(self.candidate, driven.records, keys, self.tuned.tuning, stride=stride)
+
+
+def candidates(cars: Mapping[str, QuarterCar], convention: str) -> list[Candidate]:
+    """Every contender for a road convention.
+
+    Args:
+        cars: the corner by road class.
+        convention: "iso8608" or "brancati2022".
+    """
+    return [make(cars, 1.0 / RATE, convention) for make in CONTENDERS]
+
+
+def filter_keys(numbers: Any) -> Any:
+    """A random key for each run's initial state and artificial roads [runs]."""
+    key = jax.random.key(2022)
+    return jax.vmap(lambda n: jax.random.fold_in(key, n))(jnp.asarray(np.asarray(numbers)))
+
+
+def true_stiffness(driven: Driven, car: QuarterCar) -> np.ndarray:
+    """k_t [N/m] that the true pressure means by Brancati & Tufano 2022, Eq. 3, [runs, time]."""
+    return np.asarray(stiffness_from_pressure(driven.pressure, car.tire))
+
+
+def tune_all(
+    chosen: list[Candidate],
+    car: QuarterCar,
+    training: tuple[Driven, Any],
+    test: tuple[Driven, Any],
+    settings: TuningSettings,
+    starts: Mapping[str, Tuned] | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> list[TunedFilter]:
+    """Tune every candidate in the same way on the same runs.
+
+    Args:
+        chosen: the candidates.
+        car: the corner, for the truth.
+        training: drives and their numbers.
+        test: drives that are not trained on, and their numbers.
+        settings: of the descent.
+        starts: where to begin by candidate name; their defaults where it says nothing.
+        on_progress: called with iterations done and in all.
+    """
+    found = []
+    for k, candidate in enumerate(chosen):
+
+        def advance(done: int, most: int, best: float, k: int = k) -> None:
+            del best
+            if on_progress is not None:
+                on_progress(k * most + done, len(chosen) * most)
+
+        before = (starts or {}).get(candidate.name)
+        tuned = tune(
+            candidate,
+            training[0].records,
+            true_stiffness(training[0], car),
+            filter_keys(training[1]),
+            test=(test[0].records, true_stiffness(test[0], car), filter_keys(test[1])),
+            start=None if before is None else before.tuning,
+            settings=settings,
+            on_progress=advance,
+        )
+        if before is not None:
+            tuned = replace(tuned, start=before.start)
+        found.append(TunedFilter(candidate, tuned))
+    return found
+
+
+def floor_track(car: QuarterCar, runs: int, samples: int) -> Track:
+    """The constant prior as a track."""
+    stiffness = float(stiffness_from_pressure(PRIOR_PRESSURE, car.tire))
+    return constant_track(stiffness, PRIOR_SIGMA / float(pressure_slope(car.tire)), runs, samples)
