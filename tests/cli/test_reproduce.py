@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from wheelhop.cli import app
 from wheelhop.io.vehicles import read_vehicle
-from wheelhop.studies import brancati_records
+from wheelhop.studies.brancati import records as brancati_records
 from wheelhop.vehicle.parameters import BRANCATI_TABLE_3, brancati_suv
 from wheelhop.vehicle.quarter_car import RelativeState, simulate
 from wheelhop.vehicle.record import CornerRecord

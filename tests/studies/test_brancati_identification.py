@@ -9,8 +9,8 @@ from scipy.interpolate import CubicSpline
 
 from wheelhop.errors import DivergenceError, InputError
 from wheelhop.plots.table3 import plot_norms, plot_overlay
-from wheelhop.studies import brancati_records
-from wheelhop.studies.brancati_identification import (
+from wheelhop.studies.brancati import records as brancati_records
+from wheelhop.studies.brancati.identification import (
     ALL,
     MORE,
     QUICK,
@@ -20,7 +20,7 @@ from wheelhop.studies.brancati_identification import (
     reading_of,
     validate_study,
 )
-from wheelhop.studies.brancati_records import (
+from wheelhop.studies.brancati.records import (
     DriveSettings,
     drive_classes,
     drive_scenario,

@@ -1,16 +1,17 @@
-"""`wheelhop reproduce`: tables of a paper, computed anew."""
+"""`wheelhop reproduce`: a paper's validation, whole or a table of it, computed anew."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from wheelhop.cli.estimate import road_classes
+from wheelhop.cli.reproduce_brancati import brancati_validation
+from wheelhop.cli.reproduce_options import ReproduceOptions, Reproduction
 from wheelhop.cli.session import (
     Precision,
     Seed,
@@ -24,38 +25,25 @@ from wheelhop.cli.table3_files import write_study
 from wheelhop.cli.table3_report import print_study
 from wheelhop.errors import InputError, InputWarning
 from wheelhop.io.results import output_directory, require_writable
-from wheelhop.studies.brancati_identification import (
+from wheelhop.studies.brancati.identification import (
     QUICK,
     StudySettings,
     identification_study,
     validate_study,
 )
-from wheelhop.studies.brancati_records import drive_classes, stored_drives
-
-
-@dataclass(frozen=True)
-class ReproduceOptions:
-    """Options of a reproduction; None where the table decides.
-
-    Units are those of the command line: s, m/s^2.
-    """
-
-    classes: str | None
-    duration: float | None
-    noise: float | None
-    starts: int | None
-    seed: int
-    precision: str
-    quick: bool
-
-
-Reproduction = Callable[[ReproduceOptions, Path], None]
+from wheelhop.studies.brancati.records import drive_classes, stored_drives
 
 
 @command
 def reproduce(
     paper: Annotated[str, typer.Argument(help="The paper: brancati.")],
-    table: Annotated[int | None, typer.Option(help="Number of the table.")] = None,
+    table: Annotated[
+        int | None, typer.Option(help="Number of a table; without it the whole validation.")
+    ] = None,
+    runs: Annotated[int | None, typer.Option(help="Runs of the Monte Carlo.")] = None,
+    measured_road: Annotated[
+        Path | None, typer.Option("--measured-road", help="Profile of the paper's measured road.")
+    ] = None,
     classes: Annotated[
         str | None, typer.Option(help="ISO 8608 classes of the roads, as letters.")
     ] = None,
@@ -67,18 +55,25 @@ def reproduce(
     seed: Seed = 0,
     precision: Precision = "float64",
 ) -> None:
-    """Compute a table of a paper anew, beside what the paper prints.
+    """Compute a paper's validation anew, beside what the paper says.
 
-    brancati, table 3: one suspension per road class, fitted to nine drives of the full vehicle on
-    a known road (Brancati & Tufano 2022, section 5.2). Finished drives are kept in OUT/records;
-    the same command resumes an interrupted run.
+    brancati: roads, identification, tuning, Monte Carlo and every single drive of Brancati &
+    Tufano 2022, sections 2 to 5, on the full vehicle; a report says which claims hold. With
+    --table 3 the identification alone. What is finished is kept in OUT, and the same command
+    resumes an interrupted run.
 
-    Example: wheelhop reproduce brancati --table 3 --out table3
+    Examples: wheelhop reproduce brancati --quick --out brancati;
+    wheelhop reproduce brancati --runs 10000 --out brancati;
+    wheelhop reproduce brancati --table 3 --out table3
     """
     chosen = _chosen(paper, table)
-    place = Path(f"wheelhop-{paper}-table-{table}") if out is None else out
+    name = f"wheelhop-{paper}" if table is None else f"wheelhop-{paper}-table-{table}"
+    place = Path(name) if out is None else out
     require_writable(place)
-    chosen(ReproduceOptions(classes, duration, noise, starts, seed, precision, quick), place)
+    options = ReproduceOptions(
+        classes, duration, noise, starts, runs, measured_road, seed, precision, quick
+    )
+    chosen(options, place)
 
 
 def brancati_table_3(options: ReproduceOptions, out: Path) -> None:
@@ -88,6 +83,10 @@ def brancati_table_3(options: ReproduceOptions, out: Path) -> None:
         InputError: naming the option that cannot be met, or for a directory of other drives.
         DivergenceError: naming the drive or fit that left the finite numbers.
     """
+    for option in ("runs", "measured_road"):
+        if getattr(options, option) is not None:
+            name = f"--{option.replace('_', '-')}"
+            raise InputError(name, "table 3 has none", "Leave it out, or leave out --table.")
     settings = validate_study(_study_settings(options))
     classes, drives = settings.classes, settings.drives
     with computing(options.precision):
@@ -112,19 +111,22 @@ def brancati_table_3(options: ReproduceOptions, out: Path) -> None:
         write_study(study, records, directory, made_by)
 
 
-REPRODUCTIONS: dict[str, dict[int, Reproduction]] = {"brancati": {3: brancati_table_3}}
-"""What can be reproduced: tables by paper and number."""
+REPRODUCTIONS: dict[str, dict[int | None, Reproduction]] = {
+    "brancati": {None: brancati_validation, 3: brancati_table_3}
+}
+"""What can be reproduced by paper: tables by number, and under None the whole."""
 
 
 def _chosen(paper: str, table: int | None) -> Reproduction:
     known = "; ".join(
-        f"{name} --table {' or '.join(str(n) for n in tables)}"
+        name if number is None else f"{name} --table {number}"
         for name, tables in REPRODUCTIONS.items()
+        for number in tables
     )
     if paper not in REPRODUCTIONS:
         raise InputError("PAPER", f"{paper!r} is unknown", f"There is: {known}.")
     if table not in REPRODUCTIONS[paper]:
-        problem = "it is missing" if table is None else f"{table} of {paper} is not reproduced"
+        problem = f"{table} of {paper} is not reproduced by itself"
         raise InputError("--table", problem, f"There is: {known}.")
     return REPRODUCTIONS[paper][table]
 

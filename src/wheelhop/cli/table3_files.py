@@ -3,33 +3,26 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from wheelhop.cli.session import say_files
 from wheelhop.identification.identify import Identification
 from wheelhop.identification.parameters import PARAMETERS, SUSPENSION, value_of
 from wheelhop.io.results import write_atomically, write_figure, write_json, write_table
 from wheelhop.io.vehicles import write_vehicle
-from wheelhop.plots.table3 import plot_norms, plot_overlay
-from wheelhop.studies.brancati_identification import (
-    ALL,
-    MORE,
+from wheelhop.studies.brancati.identification import (
     READING_PRESSURE,
-    START,
     IdentificationStudy,
     plant_damping_on,
 )
-from wheelhop.studies.corner_errors import unsprung_acceleration
-from wheelhop.vehicle.record import CornerRecord
-
-Records = Mapping[str, Sequence[CornerRecord]]
-
-_OVERLAY_SPEED = 60 / 3.6
+from wheelhop.studies.brancati.identification_figures import (
+    Records,
+    norms_figure,
+    overlay_figure,
+)
 
 
 def write_study(
@@ -43,8 +36,8 @@ def write_study(
         vehicles.append(f"suspension_{name.removeprefix('ours ').replace(' ', '_')}.toml")
         comment = f"Front-left corner fitted to drives of the full vehicle; set: {name}."
         write_vehicle(directory / vehicles[-1], fit.car, comment, _notes(fit))
-    write_figure(directory / "table3_overlay.png", _overlay(study, records))
-    write_figure(directory / "table3_rmse.png", _errors(study))
+    write_figure(directory / "table3_overlay.png", overlay_figure(study, records))
+    write_figure(directory / "table3_rmse.png", norms_figure(study))
     write_json(directory / "summary.json", {**made_by, "results": summarise_study(study)})
     tables = ("table3.csv", "table3_rmse.parquet")
     say_files(
@@ -145,50 +138,3 @@ def _write_errors(path: Path, study: IdentificationStudy) -> None:
     units = {"speed": "m/s", "pressure": "Pa", "velocity_rms": "m/s"}
     units |= {name: "m/s^2" for name in columns if name.endswith(("a_s", "a_u"))}
     write_table(path, columns, units)
-
-
-def _overlay(study: IdentificationStudy, records: Records) -> Figure:
-    """Highest and lowest pressure at about 60 km/h, on class B where it is there."""
-    classes = study.settings.classes
-    c = "B" if "B" in classes else classes[0]
-    rows = study.rows(c)
-    speeds = [study.scenarios[k].speed for k in rows]
-    speed = min(speeds, key=lambda v: abs(v - _OVERLAY_SPEED))
-    drives = [k for k in rows if study.scenarios[k].speed == speed]
-    drives.sort(key=lambda k: -study.scenarios[k].pressure)
-    ours, paper = f"ours {c}", f"paper {c}"
-    panels = {}
-    for k in dict.fromkeys((drives[0], drives[-1])):
-        record = records[c][k - rows[0]]
-        rmse = {n: study.errors.rmse[list(study.cars).index(n), k, 1] for n in (ours, paper)}
-        headline = (
-            f"{study.scenarios[k].pressure / 1e3:g} kPa: RMSE {rmse[ours]:.2g} m/s² fitted, "
-            f"{rmse[paper]:.2g} m/s² Table 3"
-        )
-        panels[headline] = {
-            "full vehicle": record.a_u,
-            "quarter car, fitted": unsprung_acceleration(study.cars[ours], record),
-            "quarter car, Table 3": unsprung_acceleration(study.cars[paper], record),
-        }
-    title = f"Front-left wheel, class {c} road, {3.6 * speed:g} km/h"
-    return plot_overlay(record.t, panels, title=title)
-
-
-def _errors(study: IdentificationStudy) -> Figure:
-    classes = study.settings.classes
-    norms = {
-        "start (default corner)": [study.norm(START, c) for c in classes],
-        "Table 3, set of the class": [study.norm(f"paper {c}", c) for c in classes],
-        "fitted to the class": [study.norm(f"ours {c}", c) for c in classes],
-    }
-    shared = {ALL: "fitted to all roads", MORE: "more parameters, all roads"}
-    for name, label in shared.items():
-        if name in study.cars:
-            norms[label] = [study.norm(name, c) for c in classes]
-    count = 2 * len(study.scenarios) // len(classes)
-    return plot_norms(
-        classes,
-        norms,
-        [study.measured_norm(c) for c in classes],
-        f"Quarter car against full vehicle: norm of {count} RMSEs per road class",
-    )

@@ -8,7 +8,7 @@ from rich.table import Table
 from wheelhop.cli.session import console, headed_table
 from wheelhop.identification.identify import Identification
 from wheelhop.identification.parameters import SUSPENSION, value_of
-from wheelhop.studies.brancati_identification import (
+from wheelhop.studies.brancati.identification import (
     ALL,
     MORE,
     READING_PRESSURE,

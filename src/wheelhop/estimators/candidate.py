@@ -205,9 +205,11 @@ def track(
         check: refuse numbers that are not finite; otherwise they are returned.
 
     Raises:
-        InputError: for tuning that does not fit.
+        InputError: for tuning that does not fit, or a stride below one.
         DivergenceError: if a combined estimate leaves the finite numbers; names the run.
     """
+    if stride < 1:
+        raise InputError("stride", f"{stride}", "Keep every so many samples, 1 for all.")
     tuning = as_float(checked_tuning(candidate, tuning))
     normals, inputs = draw(candidate, records, keys)
     start = _compiled_start(candidate.filter, candidate.prior, candidate.params)

@@ -181,8 +181,8 @@ def bind_road(params: InteractingParams, road: ArtificialRoad) -> InteractingPar
     return replace(params, members=replace(params.members, road=road))
 
 
-def artificial_roads(key: Any, speed: Any, dt: float, variances: Any) -> ArtificialRoad:
-    """Roads of every class at the distances driven; Eq. 6. Pure in all but dt: maps over runs.
+def artificial_roads(key: Any, speed: Any, dt: Any, variances: Any) -> ArtificialRoad:
+    """Roads of every class at the distances driven, Eq. 6; pure, so it maps over runs.
 
     Args:
         key: JAX random key.

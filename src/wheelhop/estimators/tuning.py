@@ -196,14 +196,14 @@ def _data(
             f"its shape is {truth.shape}, that of the records {records.speed.shape}",
             "Give the true stiffness at every sample.",
         )
-    late = records.dt * jnp.arange(1, truth.shape[1] + 1) > settings.settling
+    late = records.dt * np.arange(1, truth.shape[1] + 1) > settings.settling
     if not late.any():
         raise InputError(
             "settling",
             f"{settings.settling:g} s leave nothing of {records.dt * truth.shape[1]:g} s",
             "Judge a part of the records.",
         )
-    weight = jnp.broadcast_to(late / jnp.mean(late), truth.shape).astype(truth.dtype)
+    weight = jnp.broadcast_to(as_float(late / late.mean()), truth.shape)
     measured, speed = as_float((records.measured, records.speed))
     drawn = draw(candidate, Records(measured, speed, records.dt), keys)
     return measured, drawn, (truth, weight)

@@ -109,7 +109,7 @@ def rms_interval(error: Float[np.ndarray, "runs time"], seed: int = 0) -> Interv
     """
     square = np.mean(error**2, axis=1)
     value = float(np.sqrt(square.mean()))
-    if np.ptp(square) == 0:
+    if not np.isfinite(value) or np.ptp(square) == 0:
         return Interval(value, value, value)
     found = bootstrap(
         (square,), np.mean, n_resamples=2000, rng=np.random.default_rng(seed)
@@ -132,10 +132,10 @@ def convergence_times(
         window: of the average, which ends at the time it counts for [s].
 
     Returns:
-        [runs]; NaN for a run that ends out of tolerance.
+        [runs]; NaN for a run that ends out of tolerance or has left the finite numbers.
     """
     width = max(1, round(window / float(np.median(np.diff(t)))))
-    outside = np.abs(moving_average(error, width)) > tolerance
+    outside = ~(np.abs(moving_average(error, width)) <= tolerance)  # NaN is outside, too
     last = outside.shape[1] - 1 - np.argmax(outside[:, ::-1], axis=1)
     after = np.where(outside.any(axis=1), np.minimum(last + 1, len(t) - 1), 0)
     return np.where(outside[:, -1], np.nan, t[after])

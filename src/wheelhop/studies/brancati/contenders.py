@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,16 +25,34 @@ from wheelhop.estimators.candidates import (
 )
 from wheelhop.estimators.tuning import Tuned, TuningSettings, tune
 from wheelhop.studies.brancati.plant import RATE, Driven
+from wheelhop.studies.brancati.tuning_store import keep_tuning, kept_tuning, tuning_key
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.tire import pressure_slope, stiffness_from_pressure
 
-CONTENDERS: tuple[Callable[[Mapping[str, QuarterCar], float, str], Candidate], ...] = (
-    all_printed,
-    all_corrected,
-    class_a_printed,
-    class_a_corrected,
+
+class Contender(NamedTuple):
+    """A filter that is compared.
+
+    Attributes:
+        make: (cars by class, sampling interval [s], convention of road levels) -> candidate.
+        parent: of a filter of one class, the number of that over all classes, whose tuning it
+            takes where it gets none of its own.
+    """
+
+    make: Callable[[Mapping[str, QuarterCar], float, str], Candidate]
+    parent: int | None = None
+
+
+CONTENDERS = (
+    Contender(all_printed),
+    Contender(all_corrected),
+    Contender(class_a_printed, parent=0),
+    Contender(class_a_corrected, parent=1),
 )
-"""(cars by class, sampling interval [s], convention of road levels) -> candidate."""
+"""Every filter of the comparison."""
+
+PRINTED = 0
+"""Number of the printed filter among them."""
 
 FLOOR = "constant 180 kPa"
 """Name of what every filter must beat: the middle of the range, and nothing learnt."""
@@ -62,6 +81,10 @@ class TunedFilter:
         keys = filter_keys(numbers)
         return track(self.candidate, driven.records, keys, self.tuned.tuning, stride=stride)
 
+    def untuned(self) -> TunedFilter:
+        """The same filter with the tuning that the candidate starts from."""
+        return TunedFilter(self.candidate, replace(self.tuned, tuning=self.candidate.default))
+
 
 def candidates(cars: Mapping[str, QuarterCar], convention: str) -> list[Candidate]:
     """Every contender for a road convention.
@@ -70,7 +93,7 @@ def candidates(cars: Mapping[str, QuarterCar], convention: str) -> list[Candidat
         cars: the corner by road class.
         convention: "iso8608" or "brancati2022".
     """
-    return [make(cars, 1.0 / RATE, convention) for make in CONTENDERS]
+    return [c.make(cars, 1.0 / RATE, convention) for c in CONTENDERS]
 
 
 def filter_keys(numbers: Any) -> Any:
@@ -92,6 +115,8 @@ def tune_all(
     settings: TuningSettings,
     starts: Mapping[str, Tuned] | None = None,
     on_progress: Callable[[int, int], None] | None = None,
+    store: Path | None = None,
+    made_of: Mapping[str, Any] | None = None,
 ) -> list[TunedFilter]:
     """Tune every candidate in the same way on the same runs.
 
@@ -103,6 +128,8 @@ def tune_all(
         settings: of the descent.
         starts: where to begin by candidate name; their defaults where it says nothing.
         on_progress: called with iterations done and in all.
+        store: directory of tunings; one made of the same is read and not made again.
+        made_of: what the drives depend on, for `store`.
     """
     found = []
     for k, candidate in enumerate(chosen):
@@ -113,18 +140,22 @@ def tune_all(
                 on_progress(k * most + done, len(chosen) * most)
 
         before = (starts or {}).get(candidate.name)
-        tuned = tune(
-            candidate,
-            training[0].records,
-            true_stiffness(training[0], car),
-            filter_keys(training[1]),
-            test=(test[0].records, true_stiffness(test[0], car), filter_keys(test[1])),
-            start=None if before is None else before.tuning,
-            settings=settings,
-            on_progress=advance,
-        )
-        if before is not None:
-            tuned = replace(tuned, start=before.start)
+        start = None if before is None else before.tuning
+        key = tuning_key(candidate, settings, start, made_of or {})
+        tuned = kept_tuning(store, key, candidate)
+        if tuned is None:
+            tuned = tune(
+                candidate,
+                training[0].records,
+                true_stiffness(training[0], car),
+                filter_keys(training[1]),
+                test=(test[0].records, true_stiffness(test[0], car), filter_keys(test[1])),
+                start=start,
+                settings=settings,
+                on_progress=advance,
+            )
+            keep_tuning(store, key, candidate, tuned)
+        advance(settings.iterations, settings.iterations, tuned.train)
         found.append(TunedFilter(candidate, tuned))
     return found
 

@@ -23,8 +23,8 @@ SPEED = 60 / 3.6
 PRESSURE = 220e3
 """Speed [m/s] and pressure [Pa] where the paper states none."""
 
-CHANGE = 5.0
-"""Time [s] at which road or pressure change."""
+CHANGE = 0.5
+"""Part of the drive after which road or pressure change: 5 of 10 s."""
 
 LOSS = 1.5
 """Duration [s] of the loss of pressure, Fig. 10."""
@@ -41,7 +41,7 @@ class Case:
         figure: number of the paper's figure.
         title: in plain words.
         road: class or "measured".
-        then: class after `CHANGE`, or None.
+        then: class after the change, or None.
         pressure: at the start [Pa].
         end_pressure: after the loss [Pa], or None.
         payload: on the body [kg].
@@ -64,7 +64,7 @@ class Case:
 CASES = (
     Case(7, "class A road", "A"),
     Case(8, "class D road", "D"),
-    Case(9, "from class A to class D at 5 s", "A", then="D"),
+    Case(9, "from class A to class D midway", "A", then="D"),
     Case(10, "230 to 180 kPa within 1.5 s, class B road", "B", pressure=230e3, end_pressure=180e3),
     *(
         Case(
@@ -96,8 +96,8 @@ class CaseResult:
     figures: dict[str, Tracking]
 
 
-def case_drives(cases: Sequence[Case], repetitions: int) -> list[Drive]:
-    """Drives of all cases, the repetitions of each together; repetition k has road k in all."""
+def case_drives(cases: Sequence[Case], repetitions: int, duration: float) -> list[Drive]:
+    """Drives [s] of all cases, repetitions of each together; repetition k has road k in all."""
     return [
         Drive(
             FIRST + k,
@@ -105,9 +105,9 @@ def case_drives(cases: Sequence[Case], repetitions: int) -> list[Drive]:
             case.pressure,
             case.road,
             then=case.then,
-            change=CHANGE,
+            change=CHANGE * duration,
             end_pressure=case.end_pressure,
-            loss=(CHANGE, LOSS),
+            loss=(CHANGE * duration, LOSS),
             payload=case.payload,
         )
         for case in cases
@@ -133,7 +133,7 @@ def judge_cases(
         repetitions: of each.
         driven: the drives.
     """
-    numbers = [d.number for d in case_drives(cases, repetitions)]
+    numbers = [d.number for d in case_drives(cases, repetitions, plant.duration)]
     tracks = {f.name: f.track(driven, numbers, STRIDE) for f in filters}
     samples = next(iter(tracks.values())).stiffness.shape[1]
     modes = {f.name: f.candidate.modes for f in filters}

@@ -16,7 +16,7 @@ import numpy as np
 from wheelhop.errors import InputError, require_in_range
 from wheelhop.identification.identify import Identification, identify
 from wheelhop.identification.parameters import SUSPENSION, search_space
-from wheelhop.studies.brancati_records import (
+from wheelhop.studies.brancati.records import (
     DriveSettings,
     Progress,
     Scenario,

@@ -21,7 +21,7 @@ from wheelhop.vehicle.full_vehicle_parameters import suv
 from wheelhop.vehicle.maneuver import straight
 from wheelhop.vehicle.pressure_course import held
 from wheelhop.vehicle.record import CornerRecord, checked_record
-from wheelhop.vehicle.road import class_level
+from wheelhop.vehicle.road import class_level, stationary_variance
 from wheelhop.vehicle.road.build import build_surface, lines_of, random_tracks
 from wheelhop.vehicle.sensors import Sensor
 from wheelhop.vehicle.vehicle_record import SensorSuite, drive_vehicle
@@ -45,6 +45,7 @@ class DriveSettings:
         seed: of roads and sensors.
         noise: of the accelerometers [m/s^2].
         anti_roll: whether the vehicle has its anti-roll bars.
+        convention: of the roads' levels, "iso8608" or "brancati2022".
     """
 
     speeds: tuple[float, ...] = (40 / 3.6, 60 / 3.6, 80 / 3.6)
@@ -53,6 +54,7 @@ class DriveSettings:
     seed: int = 0
     noise: float = 0.0
     anti_roll: bool = True
+    convention: str = "iso8608"
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,7 @@ def validate_drives(settings: DriveSettings) -> DriveSettings:
             raise InputError(name, f"{list(values)}", "Give each value once, at least one.")
         for value in values:
             require_in_range(name, value, low, high, unit)
+    stationary_variance(1.0, settings.convention)
     shortest = SETTLING + SHORTEST
     require_in_range("--duration", settings.duration, shortest, 600.0, "s")
     require_in_range("--noise", settings.noise, 0.0, 100.0, "m/s^2")
@@ -107,7 +110,8 @@ def drive_scenario(settings: DriveSettings, scenario: Scenario) -> CornerRecord:
     road_key, sensor_key = jax.random.split(_key(settings, scenario))
     # one length for all speeds: the drive is compiled once
     length = max(settings.speeds) * settings.duration + _MARGIN
-    level = class_level(scenario.road_class)
+    ratio = stationary_variance(1.0, settings.convention) / stationary_variance(1.0)
+    level = ratio * class_level(scenario.road_class)
     road = build_surface(random_tracks(road_key, level, length, lines_of(vehicle)))
     try:
         log = drive_vehicle(
@@ -217,6 +221,7 @@ def _content(settings: DriveSettings) -> dict[str, Any]:
         "seed": settings.seed,
         "noise_m_per_s2": settings.noise,
         "anti_roll": settings.anti_roll,
+        "convention": settings.convention,
         "precision": str(jnp.zeros(()).dtype),
         "wheelhop": __version__,
         "jax": jax.__version__,
