@@ -110,8 +110,12 @@ def test_table_3_end_to_end(tmp_path, monkeypatch):
     ("arguments", "message"),
     [
         (("reproduce", "solmaz", "--table", 3), "PAPER: 'solmaz' is unknown. There is: brancati"),
-        (("reproduce", "brancati"), "--table: it is missing. There is: brancati --table 3"),
         (("reproduce", "brancati", "--table", 9), "--table: 9 of brancati is not reproduced"),
+        (("reproduce", "brancati", "--runs", 1), "--runs: 1 runs is outside 2"),
+        (("reproduce", "brancati", "--duration", 1), "--duration: 1 s is outside 4"),
+        (("reproduce", "brancati", "--classes", "E"), "--classes: 'E' is not in the paper's"),
+        (("reproduce", "brancati", "--measured-road", "no.txt"), "--measured-road: no.txt is no"),
+        ((*TABLE, "--runs", 10), "--runs: table 3 has none"),
         ((*TABLE, "--classes", "AE"), "--classes: 'E' is not in the paper's Table 3"),
         ((*TABLE, "--classes", "AA"), "Give each class once"),
         ((*TABLE, "--duration", 1), "--duration: 1 s is outside"),
@@ -130,4 +134,4 @@ def test_what_cannot_be_reproduced_is_refused_by_name(tmp_path, monkeypatch, arg
 
 
 def test_help_has_an_example():
-    assert "Example: wheelhop reproduce brancati --table 3" in call("reproduce", "--help")
+    assert "wheelhop reproduce brancati --table 3" in call("reproduce", "--help")

@@ -13,7 +13,7 @@ from wheelhop.estimators.candidates import PRIOR_PRESSURE, PRIOR_SIGMA
 from wheelhop.estimators.tuning import Tuned, TuningSettings
 from wheelhop.io.report import FAILS, HOLDS, IN_PART
 from wheelhop.studies.brancati import monte_carlo as campaign
-from wheelhop.studies.brancati.claims_roads import verdict_of
+from wheelhop.studies.brancati.claims import verdict_of
 from wheelhop.studies.brancati.contenders import (
     CONTENDERS,
     FLOOR,

@@ -5,18 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from wheelhop.identification.parameters import SUSPENSION, value_of
-from wheelhop.io.report import FAILS, HOLDS, IN_PART, OPEN, DataTable, Finding
+from wheelhop.io.report import FAILS, IN_PART, OPEN, DataTable, Finding
+from wheelhop.studies.brancati.claims import verdict_of
 from wheelhop.studies.brancati.identification import START, plant_damping_on
 from wheelhop.studies.brancati.roads import FILTER, RoadStudy
 from wheelhop.studies.brancati.study import ConventionResult, Validation
 
 _SAME_LEVEL = 0.5
 _UNEXPLAINED = 0.1
-
-
-def verdict_of(passed: list[bool]) -> str:
-    """Holds where all passed, in part where some did, and not where none did."""
-    return HOLDS if all(passed) else IN_PART if any(passed) else FAILS
 
 
 def road_findings(roads: RoadStudy) -> list[Finding]:

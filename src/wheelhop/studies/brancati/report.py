@@ -11,19 +11,19 @@ import numpy as np
 
 from wheelhop.io.report import FigureFile, Report, Section, count_verdicts, write_report
 from wheelhop.io.results import output_directory, write_figure, write_json, write_table
-from wheelhop.studies.brancati.claims_filters import (
-    case_findings,
-    comparison_table,
-    misprint_findings,
-    misprint_table,
-    monte_carlo_findings,
-    tuning_table,
-)
+from wheelhop.studies.brancati.claims_drives import case_findings
+from wheelhop.studies.brancati.claims_monte_carlo import monte_carlo_findings
 from wheelhop.studies.brancati.claims_roads import (
     identification_findings,
     road_findings,
     road_table,
     suspension_table,
+)
+from wheelhop.studies.brancati.claims_tables import (
+    comparison_table,
+    misprint_findings,
+    misprint_table,
+    tuning_table,
 )
 from wheelhop.studies.brancati.figures import all_figures
 from wheelhop.studies.brancati.monte_carlo import MonteCarlo
