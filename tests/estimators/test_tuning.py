@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -17,8 +18,11 @@ from tests.estimators.level_candidate import (
     params,
 )
 from wheelhop.errors import DivergenceError, InputError
-from wheelhop.estimators.candidate import track
-from wheelhop.estimators.tuning import TuningSettings, tune
+from wheelhop.estimators.candidate import Records, as_float, track
+from wheelhop.estimators.candidates import all_corrected, all_printed
+from wheelhop.estimators.tuning import TuningSettings, objective_of, tune
+from wheelhop.vehicle.parameters import brancati_suv
+from wheelhop.vehicle.quarter_car import Accelerations
 
 SAMPLES = 100
 TRAINING = level_records(48, SAMPLES, 1)
@@ -69,6 +73,41 @@ def test_objectives_are_those_of_a_kalman_filter_by_hand(objective):
         "log_score": np.mean(0.5 * errors**2 / variances + 0.5 * np.log(1e-6 * variances)),
     }
     np.testing.assert_allclose(found, expected[objective], rtol=1e-9)
+
+
+def central_difference(value, logs, name, step=1e-4):
+    ends = [float(value(logs | {name: logs[name] + d})) for d in (step, -step)]
+    return (ends[0] - ends[1]) / (2 * step)
+
+
+def test_the_gradient_is_the_central_difference():
+    candidate = level_candidate()
+    value, slope = objective_of(candidate, *TRAINING, TuningSettings("nll", settling=LATE))
+    logs = {name: jnp.log(as_float(v)) for name, v in candidate.default.items()}
+    found, gradient = slope(logs)
+    assert float(found) == pytest.approx(float(value(logs)), rel=1e-12)
+    for name in logs:
+        assert float(gradient[name]) == pytest.approx(
+            central_difference(value, logs, name), rel=1e-6
+        )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [all_printed, all_corrected])
+def test_the_gradient_through_the_papers_filters_is_the_central_difference(make):
+    candidate = make(dict.fromkeys("ABCD", brancati_suv()), 0.002, "iso8608")
+    rng = np.random.default_rng(0)
+    shape = (8, 200)
+    measured = Accelerations(rng.normal(size=shape), 6.0 * rng.normal(size=shape))
+    keys = jax.vmap(jax.random.key)(jnp.arange(shape[0]))
+    logs = Records(measured, np.full(shape, 16.7), 0.002), np.full(shape, 2.1e5), keys
+    value, slope = objective_of(candidate, *logs, TuningSettings("mse", settling=0.0))
+    at = {name: jnp.log(as_float(v)) for name, v in candidate.default.items()}
+    _, gradient = slope(at)
+    largest = max(abs(float(g)) for g in gradient.values())
+    for name in at:
+        difference = central_difference(value, at, name)
+        assert float(gradient[name]) == pytest.approx(difference, rel=1e-4, abs=1e-6 * largest)
 
 
 def test_the_likelihood_finds_the_noise_that_made_the_records(by_likelihood):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -116,15 +116,7 @@ def tune(
     first = checked_tuning(candidate, start)
     held = {name: as_float(first[name]) for name in settings.held}
     free = {name: jnp.log(as_float(v)) for name, v in first.items() if name not in held}
-    data = _data(candidate, records, stiffness, keys, settings)
-    kind = (candidate.filter, candidate.prior, candidate.params, candidate.bind)
-    score = _score(settings.objective, candidate.read)
-
-    def slope(logs: Any) -> Any:
-        return _compiled(*kind, score, True)(logs, held, candidate.setting, data)
-
-    def value(logs: Any, other: Any) -> float:
-        return float(_compiled(*kind, score, False)(logs, held, candidate.setting, other))
+    _, slope = objective_of(candidate, records, stiffness, keys, settings, held)
 
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         adam = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(1.0, b2=0.98))
@@ -158,10 +150,42 @@ def tune(
 
     tested, untuned = np.nan, np.nan
     if test is not None:
-        other = _data(candidate, *test, settings)
-        tested, untuned = value(best, other), value(free, other)
+        value, _ = objective_of(candidate, *test, settings, held)
+        tested, untuned = float(value(best)), float(value(free))
     found = {name: float(np.exp(best[name])) if name in best else first[name] for name in first}
     return Tuned(found, first, np.asarray(history), best_loss, tested, untuned, settings)
+
+
+def objective_of(
+    candidate: Candidate,
+    records: Records,
+    stiffness: Any,
+    keys: Any,
+    settings: TuningSettings = TuningSettings(),
+    held: Mapping[str, Any] | None = None,
+) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
+    """The objective, and the objective with its gradient, of the logarithms of the free knobs.
+
+    Args:
+        candidate: the filter.
+        records: runs.
+        stiffness: true k_t [N/m], [runs, time].
+        keys: JAX random keys of the runs [runs].
+        settings: which objective, and what is not judged.
+        held: knobs that are no argument, by name.
+
+    Raises:
+        InputError: for a truth of another shape, or a settling time that leaves nothing.
+    """
+    data = _data(candidate, records, stiffness, keys, settings)
+    kind = (candidate.filter, candidate.prior, candidate.params, candidate.bind)
+    score = _score(settings.objective, candidate.read)
+    fixed = dict(held or {})
+
+    def compiled(gradient: bool) -> Callable[[Any], Any]:
+        return lambda logs: _compiled(*kind, score, gradient)(logs, fixed, candidate.setting, data)
+
+    return compiled(False), compiled(True)
 
 
 def validate_settings(candidate: Candidate, settings: TuningSettings) -> TuningSettings:

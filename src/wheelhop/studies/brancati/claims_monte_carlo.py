@@ -13,7 +13,7 @@ from wheelhop.studies.brancati.claims import (
     rmse_text,
     verdict_of,
 )
-from wheelhop.studies.brancati.contenders import CONTENDERS, FLOOR
+from wheelhop.studies.brancati.contenders import CONTENDERS, FLOOR, UNTUNED
 from wheelhop.studies.brancati.study import ConventionResult, Validation
 
 _HONEST = (0.8, 1.25)
@@ -150,7 +150,7 @@ def _against_single(study: Validation) -> Finding:
 def _against_floor(study: Validation, names: list[str]) -> Finding:
     def say(result: ConventionResult, name: str) -> tuple[str, bool]:
         f = result.monte_carlo.figures
-        before = result.untuned_monte_carlo.figures[name]
+        before = result.untuned_monte_carlo.figures[name + UNTUNED]
         text = f"{rmse_text(f[name])} against {rmse_text(f[FLOOR])} of a constant 180 kPa"
         text += f" (before tuning {kpa(before.final_rmse.value)})"
         return text, f[name].final_rmse.high < f[FLOOR].final_rmse.low

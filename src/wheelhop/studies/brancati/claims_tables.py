@@ -58,11 +58,7 @@ def misprint_table(result: ConventionResult) -> DataTable:
 def comparison_table(result: ConventionResult) -> DataTable:
     """All filters on the Monte Carlo."""
     figures = dict(result.monte_carlo.figures)
-    figures |= {
-        f"{name}, before tuning": f
-        for name, f in result.untuned_monte_carlo.figures.items()
-        if name != FLOOR
-    }
+    figures |= {n: f for n, f in result.untuned_monte_carlo.figures.items() if n != FLOOR}
     if result.second_monte_carlo is not None:
         figures |= {
             f"{name}, tuned for honest errors": f

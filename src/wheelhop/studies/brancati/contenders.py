@@ -54,6 +54,9 @@ CONTENDERS = (
 PRINTED = 0
 """Number of the printed filter among them."""
 
+UNTUNED = ", before tuning"
+"""What is added to the name of a filter before it was tuned."""
+
 FLOOR = "constant 180 kPa"
 """Name of what every filter must beat: the middle of the range, and nothing learnt."""
 
@@ -82,8 +85,9 @@ class TunedFilter:
         return track(self.candidate, driven.records, keys, self.tuned.tuning, stride=stride)
 
     def untuned(self) -> TunedFilter:
-        """The same filter with the tuning that the candidate starts from."""
-        return TunedFilter(self.candidate, replace(self.tuned, tuning=self.candidate.default))
+        """The same filter with the tuning that the candidate starts from, named so."""
+        named = replace(self.candidate, name=self.name + UNTUNED)
+        return TunedFilter(named, replace(self.tuned, tuning=self.candidate.default))
 
 
 def candidates(cars: Mapping[str, QuarterCar], convention: str) -> list[Candidate]:

@@ -209,7 +209,7 @@ def _case_figure(number: int, cases: list[CaseResult], convention: str) -> Study
             {
                 c.case.title.split(",")[0]: (
                     c.truth,
-                    {n: x for n, x in c.courses.items() if n != FLOOR},
+                    {n: x for n, x in c.courses.items() if n != FLOOR and len(x.modes) > 1},
                 )
                 for c in cases
             },

@@ -128,7 +128,7 @@ class ConventionResult:
         monte_carlo: of `filters`.
         second_monte_carlo: of `second`, on its first runs; None without.
         untuned_monte_carlo: of the filters over all classes before they were tuned, likewise.
-        cases: single drives.
+        cases: single drives, of the filters and of those before tuning.
         misprints: variants of the printed filter.
     """
 
@@ -247,9 +247,17 @@ def _of_convention(
     if second:
         honest = monte_carlo(plant, car, second, count, driven=runs)
     over_all = [f for f, c in zip(filters, CONTENDERS, strict=True) if c.parent is None]
-    untuned = monte_carlo(plant, car, [f.untuned() for f in over_all], count, driven=runs)
+    before_tuning = [f.untuned() for f in over_all]
+    untuned = monte_carlo(plant, car, before_tuning, count, driven=runs)
     with bar("single drives", "sets") as advance:
-        cases = judge_cases(plant, car, filters, cases_of(settings), settings.repetitions, singles)
+        cases = judge_cases(
+            plant,
+            car,
+            [*filters, *before_tuning],
+            cases_of(settings),
+            settings.repetitions,
+            singles,
+        )
         advance(1, 1)
     names = None if settings.all_misprints else dict(list(variants().items())[:2])
     with bar("misprints", "variants") as advance:
