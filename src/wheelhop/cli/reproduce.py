@@ -59,10 +59,10 @@ def reproduce(
 
     brancati: roads, identification, tuning, Monte Carlo and every single drive of Brancati &
     Tufano 2022, sections 2 to 5, on the full vehicle; a report says which claims hold. With
-    --table 3 the identification alone. What is finished is kept in OUT, and the same command
-    resumes an interrupted run.
+    --table 3 the identification alone. Drives of the identification, tunings and Monte Carlo runs
+    are kept in OUT, and the same command resumes an interrupted run.
 
-    Examples: wheelhop reproduce brancati --quick --out brancati;
+    Examples: wheelhop reproduce brancati --quick --out brancati-quick;
     wheelhop reproduce brancati --runs 10000 --out brancati;
     wheelhop reproduce brancati --table 3 --out table3
     """

@@ -26,6 +26,7 @@ from wheelhop.studies.brancati.study import (
     QUICK,
     Validation,
     ValidationSettings,
+    refuse_other_store,
     validate_validation,
     validation,
 )
@@ -49,6 +50,7 @@ def brancati_validation(options: ReproduceOptions, out: Path) -> None:
     settings = validate_validation(settings_of(options))
     begin = time.perf_counter()
     with computing(options.precision):
+        refuse_other_store(settings, out / "kept")
         directory = output_directory(out)
         console.print(_announcement(settings), soft_wrap=True)
         study = validation(settings, directory / "kept", progress_bar)

@@ -25,7 +25,9 @@ messages = Console(stderr=True)
 PRECISIONS = ("float64", "float32")
 
 OutDirectory = Annotated[Path, typer.Option("--out", help="Directory for the results.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")]
+Seed = Annotated[
+    int, typer.Option("--seed", min=0, max=2**32 - 1, help="Seed of all random numbers.")
+]
 UnusedSeed = Annotated[
     int, typer.Option("--seed", min=0, help="Kept in the summary; nothing here is random.")
 ]

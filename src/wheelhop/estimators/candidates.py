@@ -15,6 +15,7 @@ from wheelhop.estimators.immuf import (
     MemberParams,
     bind_speed,
     immuf,
+    sticky,
 )
 from wheelhop.estimators.printed import (
     AbsoluteCorner,
@@ -23,7 +24,6 @@ from wheelhop.estimators.printed import (
     bind_road,
     printed_immuf,
     printed_params,
-    sticky,
 )
 from wheelhop.filtering import Gaussian, InteractingParams, InteractingState, independent
 from wheelhop.vehicle.parameters import QuarterCar
@@ -48,11 +48,19 @@ KEPT = Misprints(weights=False)
 
 
 class _Setting(NamedTuple):
-    """What a candidate is built for: cars [modes], levels or variances of roads [modes], dt [s]."""
+    """What a candidate is built for.
+
+    Attributes:
+        cars: the corner as each mode models it, leaves [modes].
+        roads: levels [m^3/rad] or variances [m^2] of the modes' roads [modes].
+        dt: sampling interval [s].
+        noise: of both accelerometers [m/s^2].
+    """
 
     cars: QuarterCar
     roads: Any
     dt: Any
+    noise: Any
 
 
 def _stacked(cars: Sequence[QuarterCar]) -> QuarterCar:
@@ -66,6 +74,7 @@ def printed(
     convention: str = "brancati2022",
     misprints: Misprints = KEPT,
     name: str = "as printed",
+    noise: float = NOISE,
 ) -> Candidate:
     """The paper's filter: Brancati & Tufano 2022, Eq. 9-19.
 
@@ -77,12 +86,14 @@ def printed(
         misprints: those that are kept; all but the mixing weights by default, with which the
             members' states grow without bound.
         name: of the candidate.
+        noise: of both accelerometers [m/s^2], for R.
     """
     modes = tuple(cars if classes is None else classes)
     setting = _Setting(
         _stacked([cars[c] for c in modes]),
         as_float(np.array([stationary_variance(class_level(c), convention) for c in modes])),
         as_float(dt),
+        as_float(noise),
     )
     return Candidate(
         name,
@@ -113,7 +124,7 @@ def _printed_prior(tuning: Tuning, setting: _Setting, normal: Any) -> Gaussian:
 
 def _printed_params(tuning: Tuning, setting: _Setting) -> InteractingParams:
     q = AbsoluteCorner(*(tuning[f"q_{i}"] for i in range(1, 6)))
-    return printed_params(setting.cars, setting.dt, q, NOISE, STAY)
+    return printed_params(setting.cars, setting.dt, q, setting.noise, STAY)
 
 
 def _printed_inputs(key: Any, speed: Any, setting: _Setting) -> Any:
@@ -126,6 +137,7 @@ def corrected(
     classes: Sequence[str] | None = None,
     convention: str = "iso8608",
     name: str = "corrected",
+    noise: float = NOISE,
 ) -> Candidate:
     """The corrected filter, `immuf`, with a set of parameters for each class.
 
@@ -137,6 +149,7 @@ def corrected(
         _stacked([cars[c] for c in modes]),
         as_float(np.array([ratio * class_level(c) for c in modes])),
         as_float(dt),
+        as_float(noise),
     )
     return Candidate(
         name,
@@ -176,8 +189,8 @@ def _corrected_params(tuning: Tuning, setting: _Setting) -> InteractingParams:
         tuning["road_gain"] * setting.roads,
         each(1.0),
         each(setting.dt),
-        each(NOISE),
-        each(NOISE),
+        each(setting.noise),
+        each(setting.noise),
         each(tuning["stiffness_walk"]),
         each(tuning["velocity_walk"]),
         each(tuning["wheel_walk"]),
@@ -259,21 +272,29 @@ def _read_relative(state: InteractingState) -> Reading:
     )
 
 
-def class_a_printed(cars: Mapping[str, QuarterCar], dt: float, convention: str) -> Candidate:
+def class_a_printed(
+    cars: Mapping[str, QuarterCar], dt: float, convention: str, noise: float = NOISE
+) -> Candidate:
     """The printed filter's class A member by itself, the paper's yardstick."""
-    return printed(cars, dt, ("A",), convention, name="as printed, class A alone")
+    return printed(cars, dt, ("A",), convention, name="as printed, class A alone", noise=noise)
 
 
-def class_a_corrected(cars: Mapping[str, QuarterCar], dt: float, convention: str) -> Candidate:
+def class_a_corrected(
+    cars: Mapping[str, QuarterCar], dt: float, convention: str, noise: float = NOISE
+) -> Candidate:
     """The corrected filter's class A member by itself."""
-    return corrected(cars, dt, ("A",), convention, name="corrected, class A alone")
+    return corrected(cars, dt, ("A",), convention, name="corrected, class A alone", noise=noise)
 
 
-def all_printed(cars: Mapping[str, QuarterCar], dt: float, convention: str) -> Candidate:
+def all_printed(
+    cars: Mapping[str, QuarterCar], dt: float, convention: str, noise: float = NOISE
+) -> Candidate:
     """The printed filter over all classes of `cars`."""
-    return printed(cars, dt, convention=convention)
+    return printed(cars, dt, convention=convention, noise=noise)
 
 
-def all_corrected(cars: Mapping[str, QuarterCar], dt: float, convention: str) -> Candidate:
+def all_corrected(
+    cars: Mapping[str, QuarterCar], dt: float, convention: str, noise: float = NOISE
+) -> Candidate:
     """The corrected filter over all classes of `cars`."""
-    return corrected(cars, dt, convention=convention)
+    return corrected(cars, dt, convention=convention, noise=noise)

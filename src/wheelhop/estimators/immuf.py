@@ -234,13 +234,17 @@ def immuf_params(
     members = [
         member_params(c, level, speed, dt, tuning) for c, level in zip(sets, levels, strict=True)
     ]
-    m = len(levels)
-    transition = jnp.full((m, m), (1.0 - tuning.stay) / max(m - 1, 1), float)
-    return InteractingParams(
-        members=jax.tree.map(lambda *a: jnp.stack(a), *members),
-        transition=jnp.where(jnp.eye(m, dtype=bool), tuning.stay if m > 1 else 1.0, transition),
-        initial=jnp.full((m,), 1.0 / m, float),
-    )
+    transition, initial = sticky(len(levels), tuning.stay)
+    return InteractingParams(jax.tree.map(lambda *a: jnp.stack(a), *members), transition, initial)
+
+
+def sticky(modes: int, stay: Any) -> tuple[Any, Any]:
+    """Pz with one diagonal and equal rest, Eq. 17, and equal initial probabilities."""
+    if modes == 1:
+        return jnp.ones((1, 1), float), jnp.ones((1,), float)
+    leave = jnp.full((modes, modes), (1.0 - stay) / (modes - 1), float)
+    transition = jnp.where(jnp.eye(modes, dtype=bool), stay, leave)
+    return transition, jnp.full((modes,), 1.0 / modes, float)
 
 
 def prior(car: QuarterCar, tuning: Tuning = Tuning()) -> Gaussian:

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from wheelhop.estimators.immuf import sticky
 from wheelhop.estimators.printed_interacting import PrintedForms, printed_interacting
 from wheelhop.filtering import Filter, InteractingParams, StateSpaceModel, cubature, unscented
 from wheelhop.filtering.sigma_points import Rule
@@ -165,15 +166,6 @@ def printed_params(
         cars, level, each(dt), AbsoluteCorner(*map(each, q)), each(noise), each(noise)
     )
     return InteractingParams(members, *sticky(masses.shape[0], stay))
-
-
-def sticky(modes: int, stay: Any) -> tuple[Any, Any]:
-    """Pz with one diagonal and equal rest, Eq. 17, and equal initial probabilities."""
-    if modes == 1:
-        return jnp.ones((1, 1), float), jnp.ones((1,), float)
-    leave = jnp.full((modes, modes), (1.0 - stay) / (modes - 1), float)
-    transition = jnp.where(jnp.eye(modes, dtype=bool), stay, leave)
-    return transition, jnp.full((modes,), 1.0 / modes, float)
 
 
 def bind_road(params: InteractingParams, road: ArtificialRoad) -> InteractingParams:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -17,6 +17,9 @@ TOLERANCE = 15e3
 
 LAST = 1.0
 """Length [s] of the end of a run over which its final error is averaged."""
+
+
+_MANY = 1000
 
 
 class Interval(NamedTuple):
@@ -42,6 +45,7 @@ class Tracking(NamedTuple):
         converged: share of runs that end within `TOLERANCE`.
         convergence_time: median over these runs of the time after which the error, averaged over
             half a second, stays within `TOLERANCE` [s]; NaN where none does.
+        lost: runs that left the finite numbers; the other figures leave them out.
     """
 
     statistics: ErrorStatistics
@@ -53,6 +57,7 @@ class Tracking(NamedTuple):
     final_bias: float
     converged: float
     convergence_time: float
+    lost: int
 
 
 def tracking(
@@ -63,6 +68,7 @@ def tracking(
     slope: float,
     *,
     settling: float = 2.0,
+    since: float = 0.0,
     seed: int = 0,
 ) -> Tracking:
     """Figures of one filter over independent runs.
@@ -74,6 +80,7 @@ def tracking(
         truth: true k_t [N/m].
         slope: dp/dk_t [Pa m/N].
         settling: time [s] that is not judged at the start.
+        since: time [s] from which convergence is judged and counted, as after a change.
         seed: of the bootstrap.
 
     Raises:
@@ -83,10 +90,14 @@ def tracking(
     if not late.any():
         raise InputError("settling", f"{settling:g} s leave nothing", "Judge a part of the runs.")
     error = stiffness - truth
+    finite = (np.isfinite(error) & np.isfinite(sigma)).all(axis=1)
+    if finite.sum() > 1:  # otherwise every figure is NaN
+        error, sigma = error[finite], sigma[finite]
     statistics = error_statistics(error, sigma)
     within = np.abs(error[:, late]) <= sigma[:, late]
     final = slope * error[:, t > t[-1] - LAST]
-    times = convergence_times(t, slope * error)
+    after = t > since
+    times = convergence_times(t[after], slope * error[:, after]) - since
     settled = np.isfinite(times)
     return Tracking(
         statistics,
@@ -98,6 +109,7 @@ def tracking(
         float(final.mean()),
         float(settled.mean()),
         float(np.median(times[settled])) if settled.any() else float("nan"),
+        int((~finite).sum()),
     )
 
 
@@ -111,10 +123,48 @@ def rms_interval(error: Float[np.ndarray, "runs time"], seed: int = 0) -> Interv
     value = float(np.sqrt(square.mean()))
     if not np.isfinite(value) or np.ptp(square) == 0:
         return Interval(value, value, value)
+    low, high = _bootstrapped((square,), seed)
+    return Interval(value, float(np.sqrt(low)), float(np.sqrt(high)))
+
+
+def rms_gain(
+    error: Float[np.ndarray, "runs time"], other: Float[np.ndarray, "runs time"], seed: int = 0
+) -> Interval:
+    """How much smaller the first rms error is than the other on the same runs, with its interval.
+
+    Both filters saw the same runs, whose difficulty they share: runs are drawn anew in pairs. Runs
+    that either lost are left out.
+    """
+    squares = [np.mean(e**2, axis=1) for e in (error, other)]
+    finite = np.isfinite(squares[0]) & np.isfinite(squares[1])
+    if finite.sum() < 2:
+        return Interval(*[float("nan")] * 3)
+    first, second = (s[finite] for s in squares)
+
+    def gain(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
+        return np.sqrt(b.mean(axis=axis)) - np.sqrt(a.mean(axis=axis))
+
+    value = float(gain(first, second))
+    if np.array_equal(first, second):
+        return Interval(value, value, value)
+    return Interval(value, *_bootstrapped((first, second), seed, gain))
+
+
+def _bootstrapped(
+    samples: tuple[np.ndarray, ...], seed: int, statistic: Any = np.mean
+) -> tuple[float, float]:
+    """Ends of the 95 % bootstrap interval; acceleration is left out where runs abound."""
+    few = len(samples[0]) <= _MANY
     found = bootstrap(
-        (square,), np.mean, n_resamples=2000, rng=np.random.default_rng(seed)
+        samples,
+        statistic,
+        n_resamples=2000,
+        batch=None if few else max(1, 10**7 // len(samples[0])),
+        paired=True,
+        method="BCa" if few else "percentile",
+        rng=np.random.default_rng(seed),
     ).confidence_interval
-    return Interval(value, float(np.sqrt(found.low)), float(np.sqrt(found.high)))
+    return float(found.low), float(found.high)
 
 
 def convergence_times(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from wheelhop.evaluation.tracking import Tracking
+from wheelhop.evaluation.tracking import Interval, Tracking
 from wheelhop.io.report import FAILS, HOLDS, IN_PART
 from wheelhop.studies.brancati.contenders import CONTENDERS
 from wheelhop.studies.brancati.study import ConventionResult, Validation
@@ -50,3 +50,11 @@ def rmse_text(figures: Tracking) -> str:
     """Final error with its interval."""
     f = figures.final_rmse
     return f"{f.value / 1e3:.1f} kPa ({f.low / 1e3:.1f} to {f.high / 1e3:.1f})"
+
+
+def gain_text(gain: Interval) -> str:
+    """A smaller error with its interval, or a larger one."""
+    word = "better" if gain.value >= 0 else "worse"
+    return (
+        f"{abs(gain.value) / 1e3:.1f} kPa {word} ({gain.low / 1e3:+.1f} to {gain.high / 1e3:+.1f})"
+    )

@@ -1,27 +1,30 @@
-"""What the paper says of single drives, beside what was measured."""
+"""What the paper says of single drives, beside what was measured over their repetitions."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from wheelhop.evaluation.tracking import TOLERANCE
-from wheelhop.io.report import HOLDS, Finding
-from wheelhop.studies.brancati.claims import (
-    judged,
-    kpa,
-    over_all,
-    verdict_of,
-)
+from wheelhop.io.report import Finding
+from wheelhop.studies.brancati.claims import judged, kpa, over_all, verdict_of
 from wheelhop.studies.brancati.scenarios import CHANGE, CaseResult
 from wheelhop.studies.brancati.study import ConventionResult, Validation
+
+_FROM_2_S = 3.0
+_NEAR = 0.05
+
+PRIOR_WHY = (
+    "An estimate that stays near the prior is right only where the truth lies near it: the figures "
+    "show whether it moves."
+)
 
 
 def case_findings(study: Validation) -> list[Finding]:
     """Section 5.4: Fig. 7 to 11 and 13."""
     names = over_all(study)
     found = [
-        _one_class(study, names, 7, "A"),
-        _one_class(study, names, 8, "D"),
+        *_one_class(study, names, 7, "A"),
+        *_one_class(study, names, 8, "D"),
         _class_change(study, names),
         _leak(study, names),
         _masses(study, names),
@@ -31,52 +34,79 @@ def case_findings(study: Validation) -> list[Finding]:
     return found
 
 
-def _case(result: ConventionResult, figure: int) -> CaseResult:
+def case_of(result: ConventionResult, figure: int) -> CaseResult:
+    """The case of a figure."""
     return next(c for c in result.cases if c.case.figure == figure)
 
 
-def _accuracy(case: CaseResult, name: str) -> str:
+def accuracy(case: CaseResult, name: str) -> str:
+    """How near the truth the repetitions end, and when."""
     f = case.figures[name]
-    when = "" if np.isnan(f.convergence_time) else f" after {f.convergence_time:.1f} s"
+    since = " after the change" if case.case.end_pressure is not None else ""
+    when = "" if np.isnan(f.convergence_time) else f" from {f.convergence_time:.1f} s{since} on"
     return (
         f"{f.converged:.0%} of the drives within {TOLERANCE / 1e3:g} kPa{when}, final RMSE "
-        f"{kpa(f.final_rmse.value)}"
+        f"{kpa(f.final_rmse.value)}, bias {kpa(f.final_bias)}"
     )
 
 
-def _one_class(study: Validation, names: list[str], figure: int, road_class: str) -> Finding:
-    def say(result: ConventionResult, name: str) -> tuple[str, bool]:
-        case = _case(result, figure)
-        course = case.courses[name]
-        share = course.probabilities[:, course.modes.index(road_class)]
-        text = f"{_accuracy(case, name)}, probability of class {road_class} {share[-1]:.2f}"
-        f = case.figures[name]
-        return text, f.converged > 0.5 and f.convergence_time <= 3.0
+def mean_probability(case: CaseResult, name: str, mode: str, part: slice) -> float | None:
+    """Probability of a mode over a part of the samples, averaged; None for a filter without it."""
+    modes = case.courses[name].modes
+    if mode not in modes or len(modes) < 2:
+        return None
+    return float(case.probabilities[name][:, part, modes.index(mode)].mean())
 
-    text, passed = judged(study, names, say)
-    verdict = verdict_of(passed)
-    return Finding(
-        f"Section 5.4, Fig. {figure}",
-        f"On a class {road_class} road the estimate is acceptable after about 2 s, and the filter "
-        f"of class {road_class} has the probability.",
-        text,
-        verdict,
-        "It comes near the truth in time."
-        if verdict == HOLDS
-        else "The estimate hardly leaves the prior, 40 kPa below the truth, or drifts with the "
-        "model's error; which mode gets the probability depends on how well the artificial road's "
-        "level fits the innovations, and that works better than the stiffness.",
+
+def _one_class(
+    study: Validation, names: list[str], figure: int, road_class: str
+) -> tuple[Finding, Finding]:
+    def near(result: ConventionResult, name: str) -> tuple[str, bool]:
+        case = case_of(result, figure)
+        f = case.figures[name]
+        return accuracy(case, name), f.converged > 0.5 and f.convergence_time <= _FROM_2_S
+
+    def trusted(result: ConventionResult, name: str) -> tuple[str, bool]:
+        case = case_of(result, figure)
+        late = slice(len(case.truth) // 2, None)
+        share = mean_probability(case, name, road_class, late)
+        if share is None:
+            return "it has no modes", False
+        return f"mean probability of class {road_class} {share:.2f}", share > 0.5
+
+    text, passed = judged(study, names, near)
+    modes, right = judged(study, names, trusted)
+    return (
+        Finding(
+            f"Section 5.4, Fig. {figure}",
+            f"On a class {road_class} road the estimate is acceptable after about 2 s.",
+            text,
+            verdict_of(passed),
+            f"Asked of more than half of the drives, by {_FROM_2_S:g} s. {PRIOR_WHY}",
+        ),
+        Finding(
+            f"Section 5.4, Fig. {figure}",
+            f"On a class {road_class} road the mode of class {road_class} has the probability.",
+            modes + " In the second half of the drives.",
+            verdict_of(right),
+            "Modes differ in the size of the road they expect. Process noise that tuning makes "
+            "large covers every road alike, and then the mode that expects least is as good as "
+            "any.",
+        ),
     )
 
 
 def _class_change(study: Validation, names: list[str]) -> Finding:
     def say(result: ConventionResult, name: str) -> tuple[str, bool]:
-        course = _case(result, 9).courses[name]
-        before = course.t <= CHANGE * course.t[-1]
-        a, d = (course.probabilities[:, course.modes.index(c)] for c in ("A", "D"))
-        first, last = float(a[before][-1]), float(d[-1])
-        text = f"probability of A {first:.2f} before the change, of D {last:.2f} at the end"
-        return text, first > 0.5 and last > 0.5
+        case = case_of(result, 9)
+        change = int(CHANGE * len(case.truth))
+        # the second half of the time before and of that after the change
+        before = mean_probability(case, name, "A", slice(change // 2, change))
+        after = mean_probability(case, name, "D", slice(change + change // 2, None))
+        if before is None or after is None:
+            return "it has no modes", False
+        text = f"mean probability of A {before:.2f} before the change, of D {after:.2f} after it"
+        return text, before > 0.5 and after > 0.5
 
     text, passed = judged(study, names, say)
     return Finding(
@@ -84,24 +114,25 @@ def _class_change(study: Validation, names: list[str]) -> Finding:
         "When the road changes from class A to D, mode 1 is most trusted before and mode 4 after.",
         text,
         verdict_of(passed),
-        "The size of the innovations tells the classes apart, whatever k_t is."
-        if any(passed)
-        else "With its tuned noise the filter explains every road by the same mode.",
+        "The size of the innovations tells the classes apart as far as the filter's process noise "
+        "lets it; the stiffness plays no part in it.",
     )
 
 
 def _leak(study: Validation, names: list[str]) -> Finding:
     def say(result: ConventionResult, name: str) -> tuple[str, bool]:
-        case = _case(result, 10)
-        course = case.courses[name]
-        t, change = course.t, CHANGE * course.t[-1]
-        drop = float(
-            course.pressure[t > t[-1] - 1.0].mean()
-            - course.pressure[(t > change - 1.0) & (t <= change)].mean()
-        )
+        case = case_of(result, 10)
+        t, change = case.courses[name].t, CHANGE * case.courses[name].t[-1]
+        early, late = (t > change - 1.0) & (t <= change), t > t[-1] - 1.0
+        pressure = case.pressure[name]
+        drop = float(np.mean(pressure[:, late]) - np.mean(pressure[:, early]))
         true = float(case.truth[-1] - case.truth[0])
-        text = f"the estimate moves by {drop / 1e3:+.1f} kPa where the truth falls by "
-        return text + f"{-true / 1e3:.0f}; {_accuracy(case, name)}", 0.5 < drop / true < 1.5
+        text = (
+            f"on average the estimate moves by {drop / 1e3:+.1f} kPa where the truth moves by "
+            f"{true / 1e3:+.0f}; {accuracy(case, name)}"
+        )
+        f = case.figures[name]
+        return text, 0.5 < drop / true < 1.5 and f.converged > 0.5
 
     text, passed = judged(study, names, say)
     return Finding(
@@ -109,24 +140,21 @@ def _leak(study: Validation, names: list[str]) -> Finding:
         "A loss from 230 to 180 kPa within 1.5 s is followed without significant delay.",
         text,
         verdict_of(passed),
-        "It follows."
-        if all(passed)
-        else "A small final error is no proof here: the pressure ends where the prior's mean is. "
-        "The estimate does not move with the truth.",
+        "Asked: half to one and a half times the loss on average, and most drives near the truth "
+        "at the end. A small final error alone is no proof: the loss ends where the prior is.",
     )
 
 
 def _masses(study: Validation, names: list[str]) -> Finding:
     def say(result: ConventionResult, name: str) -> tuple[str, bool]:
         cases = [c for c in result.cases if c.case.figure == 11]
-        late = [c.courses[name].t > 2.0 for c in cases]
-        shares = [
-            float(np.mean(np.abs(c.courses[name].pressure[k] / c.truth[k] - 1.0)))
-            for c, k in zip(cases, late, strict=True)
-        ]
-        text = "mean error " + ", ".join(f"{100 * s:.0f} %" for s in shares)
-        text += " at 1788, 1928 and 2218 kg"
-        return text, max(shares) < 0.05
+        shares = []
+        for c in cases:
+            late = c.courses[name].t > 0.2 * c.courses[name].t[-1]
+            shares.append(float(np.mean(np.abs(c.pressure[name] / c.truth - 1.0)[:, late])))
+        figures = ", ".join(f"{100 * s:.0f} %" for s in shares)
+        masses = ", ".join(c.case.title.split(",")[0].split()[-2] for c in cases)
+        return f"mean error {figures} at {masses} kg", max(shares) < _NEAR
 
     text, passed = judged(study, names, say)
     return Finding(
@@ -134,25 +162,29 @@ def _masses(study: Validation, names: list[str]) -> Finding:
         "The mean error stays below 5 % when the body is 8 % or 24 % heavier than assumed.",
         text,
         verdict_of(passed),
-        "The mass matters little."
-        if all(passed)
-        else "The error is that of the empty vehicle already; the mass changes it little, because "
-        "the wheel hop hardly depends on the body.",
+        "The first figure is the error of the empty vehicle, so that the differences are what the "
+        "mass does. The plant's tyre does not stiffen with its load here, which is kind to the "
+        "filters.",
     )
 
 
 def _measured(study: Validation, names: list[str]) -> Finding:
     def say(result: ConventionResult, name: str) -> tuple[str, bool]:
-        case = _case(result, 13)
-        return _accuracy(case, name), case.figures[name].converged > 0.5
+        case = case_of(result, 13)
+        others = [case_of(result, k).figures[name].final_rmse.value for k in (7, 8)]
+        text = (
+            f"{accuracy(case, name)} (class A {kpa(others[0])}, class D {kpa(others[1])} at the "
+            "same pressure)"
+        )
+        own = case.figures[name]
+        return text, own.converged > 0.5 and own.final_rmse.value < 1.2 * max(others)
 
     text, passed = judged(study, names, say)
     return Finding(
         "Section 5.4, Fig. 13",
-        "On a measured road the pressure is estimated as well as on random ones.",
+        "On a measured road the pressure is estimated successfully, as on random ones.",
         text,
         verdict_of(passed),
-        "It comes near the truth."
-        if all(passed)
-        else "As on the random roads, and for the same reason.",
+        "The repetitions are overlapping stretches of one road of 544 m, the same for both "
+        "conventions, which here only say what roads the filters expect. " + PRIOR_WHY,
     )

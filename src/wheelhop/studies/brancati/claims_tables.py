@@ -76,6 +76,7 @@ def comparison_table(result: ConventionResult) -> DataTable:
             "bias [kPa]": [figures[n].final_bias / 1e3 for n in names],
             "inside one sigma [%]": [100 * figures[n].inside for n in names],
             "NEES at the end [-]": [float(figures[n].nees[-1]) for n in names],
+            "lost runs": [figures[n].lost for n in names],
             "converged [%]": [100 * figures[n].converged for n in names],
             "convergence time [s]": [figures[n].convergence_time for n in names],
         },

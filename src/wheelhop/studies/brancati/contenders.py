@@ -16,6 +16,7 @@ import numpy as np
 
 from wheelhop.estimators.candidate import Candidate, Track, constant_track, track
 from wheelhop.estimators.candidates import (
+    NOISE,
     PRIOR_PRESSURE,
     PRIOR_SIGMA,
     all_corrected,
@@ -34,25 +35,39 @@ class Contender(NamedTuple):
     """A filter that is compared.
 
     Attributes:
-        make: (cars by class, sampling interval [s], convention of road levels) -> candidate.
+        make: (cars by class, sampling interval [s], convention of road levels, noise of the
+            accelerometers [m/s^2]) -> candidate.
+        words: what it is, for the report.
         parent: of a filter of one class, the number of that over all classes, whose tuning it
             takes where it gets none of its own.
     """
 
-    make: Callable[[Mapping[str, QuarterCar], float, str], Candidate]
+    make: Callable[[Mapping[str, QuarterCar], float, str, float], Candidate]
+    words: str
     parent: int | None = None
 
 
 CONTENDERS = (
-    Contender(all_printed),
-    Contender(all_corrected),
-    Contender(class_a_printed, parent=0),
-    Contender(class_a_corrected, parent=1),
+    Contender(
+        all_printed,
+        "absolute state with k_t, an artificial road of each class as input, an Euler step, and "
+        "every misprint of section 3 but the mixing weights, with which it does not work",
+    ),
+    Contender(
+        all_corrected,
+        "state relative to the road, the road as process noise, ln k_t in the state, and the "
+        "textbook's interacting multiple model",
+    ),
+    Contender(class_a_printed, "its first member by itself", parent=0),
+    Contender(class_a_corrected, "its first member by itself", parent=1),
 )
 """Every filter of the comparison."""
 
 PRINTED = 0
 """Number of the printed filter among them."""
+
+_FILTERS = 2
+"""Folded into the seed for the filters' own draws; roads take 0 and sensors 1."""
 
 UNTUNED = ", before tuning"
 """What is added to the name of a filter before it was tuned."""
@@ -73,16 +88,18 @@ class TunedFilter:
         """As in tables."""
         return self.candidate.name
 
-    def track(self, driven: Driven, numbers: Any, stride: int = 1) -> Track:
-        """Filter drives.
+    def track(self, driven: Driven, numbers: Any, seed: int, stride: int = 1) -> Track:
+        """Filter drives; a run whose filter leaves the finite numbers is NaN from there on.
 
         Args:
             driven: the drives.
             numbers: of the drives [runs]; they seed initial states and artificial roads.
+            seed: of the study.
             stride: keep every so many samples.
         """
-        keys = filter_keys(numbers)
-        return track(self.candidate, driven.records, keys, self.tuned.tuning, stride=stride)
+        keys = filter_keys(numbers, seed)
+        tuning = self.tuned.tuning
+        return track(self.candidate, driven.records, keys, tuning, stride=stride, check=False)
 
     def untuned(self) -> TunedFilter:
         """The same filter with the tuning that the candidate starts from, named so."""
@@ -90,19 +107,27 @@ class TunedFilter:
         return TunedFilter(named, replace(self.tuned, tuning=self.candidate.default))
 
 
-def candidates(cars: Mapping[str, QuarterCar], convention: str) -> list[Candidate]:
+def candidates(
+    cars: Mapping[str, QuarterCar], convention: str, noise: float = NOISE
+) -> list[Candidate]:
     """Every contender for a road convention.
 
     Args:
         cars: the corner by road class.
         convention: "iso8608" or "brancati2022".
+        noise: of the accelerometers [m/s^2].
     """
-    return [c.make(cars, 1.0 / RATE, convention) for c in CONTENDERS]
+    return [c.make(cars, 1.0 / RATE, convention, noise) for c in CONTENDERS]
 
 
-def filter_keys(numbers: Any) -> Any:
-    """A random key for each run's initial state and artificial roads [runs]."""
-    key = jax.random.key(2022)
+def filter_keys(numbers: Any, seed: int) -> Any:
+    """A random key for each run's initial state and artificial roads [runs].
+
+    Args:
+        numbers: of the runs.
+        seed: of the study.
+    """
+    key = jax.random.fold_in(jax.random.key(seed), _FILTERS)
     return jax.vmap(lambda n: jax.random.fold_in(key, n))(jnp.asarray(np.asarray(numbers)))
 
 
@@ -117,6 +142,7 @@ def tune_all(
     training: tuple[Driven, Any],
     test: tuple[Driven, Any],
     settings: TuningSettings,
+    seed: int = 0,
     starts: Mapping[str, Tuned] | None = None,
     on_progress: Callable[[int, int], None] | None = None,
     store: Path | None = None,
@@ -130,6 +156,7 @@ def tune_all(
         training: drives and their numbers.
         test: drives that are not trained on, and their numbers.
         settings: of the descent.
+        seed: of the study.
         starts: where to begin by candidate name; their defaults where it says nothing.
         on_progress: called with iterations done and in all.
         store: directory of tunings; one made of the same is read and not made again.
@@ -152,8 +179,8 @@ def tune_all(
                 candidate,
                 training[0].records,
                 true_stiffness(training[0], car),
-                filter_keys(training[1]),
-                test=(test[0].records, true_stiffness(test[0], car), filter_keys(test[1])),
+                filter_keys(training[1], seed),
+                test=(test[0].records, true_stiffness(test[0], car), filter_keys(test[1], seed)),
                 start=start,
                 settings=settings,
                 on_progress=advance,

@@ -16,18 +16,13 @@ from wheelhop.plots.error_bounds import ErrorPanel, plot_error_bounds
 from wheelhop.plots.pressure_cases import plot_cases
 from wheelhop.plots.pressure_courses import plot_modes, plot_tracking
 from wheelhop.plots.tuning import plot_tuning
-from wheelhop.studies.brancati.contenders import FLOOR
+from wheelhop.studies.brancati.claims import ROADS
+from wheelhop.studies.brancati.contenders import CONTENDERS, FLOOR, UNTUNED
 from wheelhop.studies.brancati.identification_figures import overlay_columns, overlay_figure
 from wheelhop.studies.brancati.monte_carlo import MonteCarlo
 from wheelhop.studies.brancati.scenarios import CHANGE, CaseResult
 from wheelhop.studies.brancati.study import ConventionResult, Validation
 from wheelhop.vehicle.tire import pressure_slope
-
-ROADS_IN_WORDS = {
-    "iso8608": "roads at the level of their ISO 8608 class",
-    "brancati2022": "roads of the printed variance",
-}
-"""The conventions in words."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +57,7 @@ def all_figures(study: Validation) -> Iterator[StudyFigure]:
 
 def _of_convention(result: ConventionResult) -> Iterator[StudyFigure]:
     convention = result.convention
-    of_roads = ROADS_IN_WORDS[convention]
+    of_roads = ROADS[convention]
     columns, units = overlay_columns(result.identification, result.records)
     yield StudyFigure(
         f"fig05_{convention}",
@@ -74,11 +69,12 @@ def _of_convention(result: ConventionResult) -> Iterator[StudyFigure]:
     )
     yield _tuning(result)
     yield _monte_carlo(result)
+    shown = {f.name for f, c in zip(result.filters, CONTENDERS, strict=True) if c.parent is None}
     by_figure: dict[int, list[CaseResult]] = {}
     for case in result.cases:
         by_figure.setdefault(case.case.figure, []).append(case)
     for number, cases in by_figure.items():
-        yield _case_figure(number, cases, convention)
+        yield _case_figure(number, cases, convention, shown)
 
 
 def _roads(study: Validation) -> StudyFigure:
@@ -130,13 +126,13 @@ def _tuning(result: ConventionResult) -> StudyFigure:
         f"tuning_{result.convention}",
         plot_tuning(
             shown,
-            f"Tuning through the filters; {ROADS_IN_WORDS[result.convention]}",
+            f"Tuning through the filters; {ROADS[result.convention]}",
             floors={"mse": float(np.mean((1e-3 * floor) ** 2))},
         ),
         columns,
         {},
         "Objective of each filter on the training runs against iteration, and how far the tuning "
-        f"moved; {ROADS_IN_WORDS[result.convention]}.",
+        f"moved; {ROADS[result.convention]}.",
         "tuning",
     )
 
@@ -150,7 +146,7 @@ def _monte_carlo(result: ConventionResult) -> StudyFigure:
     figure = plot_error_bounds(
         mc.t,
         panels,
-        f"Errors of the stiffness in {runs} runs; {ROADS_IN_WORDS[result.convention]}",
+        f"Errors of the stiffness in {runs} runs; {ROADS[result.convention]}",
         prior=float(mc.figures[FLOOR].statistics.rms[-1]),
         slope=slope,
     )
@@ -160,7 +156,7 @@ def _monte_carlo(result: ConventionResult) -> StudyFigure:
         figure,
         columns,
         units,
-        f"Fig. 6: {runs} Monte Carlo runs; {ROADS_IN_WORDS[result.convention]}.",
+        f"Fig. 6: {runs} Monte Carlo runs; {ROADS[result.convention]}.",
         "monte_carlo",
     )
 
@@ -191,14 +187,18 @@ def monte_carlo_columns(mc: MonteCarlo) -> tuple[dict[str, Any], dict[str, str]]
     return columns, {"time": "s", **force}
 
 
-def _case_figure(number: int, cases: list[CaseResult], convention: str) -> StudyFigure:
+def _case_figure(
+    number: int, cases: list[CaseResult], convention: str, shown: set[str]
+) -> StudyFigure:
     first = cases[0]
     courses = {n: c for n, c in first.courses.items() if n != FLOOR}
     t = next(iter(courses.values())).t
-    of_roads = ROADS_IN_WORDS[convention]
+    of_roads = ROADS[convention]
     title, change = first.case.title, CHANGE * float(t[-1])
+    over_all = {n: c for n, c in courses.items() if n.removesuffix(UNTUNED) in shown}
+    if number == 13:
+        of_roads = f"filters for {of_roads}"
     if number in (7, 8, 9):
-        over_all = {n: c for n, c in courses.items() if len(c.modes) > 1}
         event = (change, f"{first.case.road} to {first.case.then}") if first.case.then else None
         figure = plot_modes(
             t, first.truth, over_all, event, f"{_capital(title)}; {of_roads}", PRIOR_PRESSURE
@@ -209,7 +209,7 @@ def _case_figure(number: int, cases: list[CaseResult], convention: str) -> Study
             {
                 c.case.title.split(",")[0]: (
                     c.truth,
-                    {n: x for n, x in c.courses.items() if n != FLOOR and len(x.modes) > 1},
+                    {n: c.courses[n] for n in over_all},
                 )
                 for c in cases
             },

@@ -82,11 +82,11 @@ def misprint_effects(
     """
     chosen = variants() if chosen is None else chosen
     car = next(iter(cars.values()))
-    keys = filter_keys(np.arange(len(driven.records)))
+    keys = filter_keys(np.arange(len(driven.records)), plant.seed)
     slope = float(pressure_slope(car.tire))
     effects = []
     for name, misprints in chosen.items():
-        candidate = printed(cars, 1.0 / RATE, None, plant.convention, misprints, name)
+        candidate = printed(cars, 1.0 / RATE, None, plant.convention, misprints, name, plant.noise)
         found = track(candidate, driven.records, keys, tuning, stride=STRIDE, check=False)
         t = kept_times(plant, found.stiffness.shape[1])
         last = t > t[-1] - 1.0

@@ -16,8 +16,9 @@ import numpy as np
 
 from wheelhop import __version__
 from wheelhop.estimators.candidate import Track
-from wheelhop.evaluation.tracking import Tracking, tracking
+from wheelhop.evaluation.tracking import LAST, Interval, Tracking, rms_gain, tracking
 from wheelhop.io.results import write_atomically
+from wheelhop.io.source import source_digest
 from wheelhop.studies.brancati.contenders import (
     FLOOR,
     TunedFilter,
@@ -60,6 +61,7 @@ class MonteCarlo:
         truth: k_t [N/m], [runs].
         tracks: by name of the filter; the constant prior is one of them.
         figures: by name of the filter.
+        slope: dp/dk_t [Pa m/N].
     """
 
     t: np.ndarray
@@ -68,6 +70,19 @@ class MonteCarlo:
     truth: np.ndarray
     tracks: dict[str, RunTracks]
     figures: dict[str, Tracking]
+    slope: float
+
+    def gain(self, name: str, other: str) -> Interval:
+        """How much smaller a filter's final rms pressure error is than another's [Pa].
+
+        Both are compared on the same runs, in pairs.
+        """
+        last = self.t > self.t[-1] - LAST
+        errors = [
+            self.slope * (self.tracks[n].stiffness[:, last] - self.truth[:, None])
+            for n in (name, other)
+        ]
+        return rms_gain(*errors)
 
 
 def sample_drives(numbers: Sequence[int], seed: int) -> list[Drive]:
@@ -131,7 +146,7 @@ def monte_carlo(
                 part = driven.part(slice(numbers.start, numbers.stop))
             else:
                 part = drive_all(plant, sample_drives(numbers, plant.seed), fleet=fleet)
-            piece = _filtered(part, car, filters, numbers)
+            piece = _filtered(part, car, filters, numbers, plant.seed)
             if file is not None:
                 _save(file, piece, key)
         pieces.append({name: value[:count] for name, value in piece.items()})
@@ -142,14 +157,18 @@ def monte_carlo(
 
 
 def _filtered(
-    part: Driven, car: QuarterCar, filters: Sequence[TunedFilter], numbers: Sequence[int]
+    part: Driven,
+    car: QuarterCar,
+    filters: Sequence[TunedFilter],
+    numbers: Sequence[int],
+    seed: int,
 ) -> dict[str, np.ndarray]:
     kept: dict[str, np.ndarray] = {
         "pressure": part.pressure[:, -1],
         "truth": true_stiffness(part, car)[:, -1],
     }
     for number, filter in enumerate(filters):
-        found: Track = filter.track(part, list(numbers), STRIDE)
+        found: Track = filter.track(part, list(numbers), seed, STRIDE)
         kept[f"stiffness_{number}"] = found.stiffness
         kept[f"sigma_{number}"] = found.sigma
     return kept
@@ -178,7 +197,7 @@ def _judged(
         for name, track in tracks.items()
     }
     drives = tuple(sample_drives(range(runs), plant.seed))
-    return MonteCarlo(t, drives, joined["pressure"], joined["truth"], tracks, figures)
+    return MonteCarlo(t, drives, joined["pressure"], joined["truth"], tracks, figures, slope)
 
 
 def kept_times(plant: Plant, samples: int, stride: int = STRIDE) -> np.ndarray:
@@ -191,10 +210,11 @@ def _key(plant: Plant, filters: Sequence[TunedFilter]) -> str:
     """What results depend on, as text."""
     content: dict[str, Any] = {
         "plant": {k: v for k, v in asdict(plant).items() if k != "measured"},
-        "filters": {f.name: f.tuned.tuning for f in filters},
+        "filters": [[f.name, dict(f.tuned.tuning)] for f in filters],
         "settings": [
             [np.asarray(a).tolist() for a in jax.tree.leaves(f.candidate.setting)] for f in filters
         ],
+        "source": source_digest(),
         "precision": str(jnp.zeros(()).dtype),
         "versions": [__version__, jax.__version__],
     }
@@ -218,5 +238,5 @@ def _load(file: Path, key: str, count: int) -> dict[str, np.ndarray] | None:
             if str(content["made_of"]) != key or len(content["truth"]) < count:
                 return None
             return {name: content[name] for name in content.files if name != "made_of"}
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
         return None

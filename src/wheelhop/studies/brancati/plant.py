@@ -265,7 +265,9 @@ def _random_tracks(plant: Plant, drives: list[Drive], x: np.ndarray) -> Any:
 
     before = jnp.asarray([level(d.road) for d in drives], float)
     after = jnp.asarray([level(d.then or d.road) for d in drives], float)
-    at = jnp.asarray([d.change * d.speed for d in drives], float)
+    # the front wheels run ahead of the centre of mass, which is at x = 0 in the beginning
+    ahead = float(suv().chassis.front_arm)
+    at = jnp.asarray([ahead + d.change * d.speed for d in drives], float)
     points = jnp.asarray(x, float)
     return _draw()(_keys(plant, drives, 0), road, before, after, at, points)
 

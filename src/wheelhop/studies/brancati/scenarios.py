@@ -14,7 +14,7 @@ from wheelhop.studies.brancati.contenders import FLOOR, TunedFilter, floor_track
 from wheelhop.studies.brancati.monte_carlo import STRIDE, kept_times
 from wheelhop.studies.brancati.plant import RATE, Drive, Driven, Plant
 from wheelhop.vehicle.parameters import BRANCATI_TABLE_1, QuarterCar
-from wheelhop.vehicle.tire import pressure_slope
+from wheelhop.vehicle.tire import pressure_from_stiffness, pressure_slope
 
 FIRST = 2_000_000
 """Number of the first of these drives."""
@@ -87,13 +87,18 @@ class CaseResult:
         case: the scenario.
         truth: pressure of the front-left tyre [Pa], [time].
         courses: by name of the filter.
-        figures: over the repetitions, by name of the filter.
+        figures: over the repetitions, by name of the filter; convergence counts from the loss of
+            pressure, where there is one.
+        pressure: estimates of all repetitions by name of the filter [Pa], [repetitions, time].
+        probabilities: of the modes likewise, [repetitions, time, modes].
     """
 
     case: Case
     truth: np.ndarray
     courses: dict[str, Course]
     figures: dict[str, Tracking]
+    pressure: dict[str, np.ndarray]
+    probabilities: dict[str, np.ndarray]
 
 
 def case_drives(cases: Sequence[Case], repetitions: int, duration: float) -> list[Drive]:
@@ -134,7 +139,7 @@ def judge_cases(
         driven: the drives.
     """
     numbers = [d.number for d in case_drives(cases, repetitions, plant.duration)]
-    tracks = {f.name: f.track(driven, numbers, STRIDE) for f in filters}
+    tracks = {f.name: f.track(driven, numbers, plant.seed, STRIDE) for f in filters}
     samples = next(iter(tracks.values())).stiffness.shape[1]
     modes = {f.name: f.candidate.modes for f in filters}
     tracks[FLOOR] = floor_track(car, len(numbers), samples)
@@ -148,6 +153,7 @@ def judge_cases(
     for k, case in enumerate(cases):
         own = slice(k * repetitions, (k + 1) * repetitions)
         parts = {name: Track(*(leaf[own] for leaf in track)) for name, track in tracks.items()}
+        since = CHANGE * plant.duration if case.end_pressure is not None else 0.0
         results.append(
             CaseResult(
                 case,
@@ -155,10 +161,21 @@ def judge_cases(
                 {name: course_of(t, part, modes[name], car) for name, part in parts.items()},
                 {
                     name: tracking(
-                        t, part.stiffness, part.sigma, truth[own], slope, settling=settling
+                        t,
+                        part.stiffness,
+                        part.sigma,
+                        truth[own],
+                        slope,
+                        settling=settling,
+                        since=since,
                     )
                     for name, part in parts.items()
                 },
+                {
+                    name: np.asarray(pressure_from_stiffness(part.stiffness, car.tire))
+                    for name, part in parts.items()
+                },
+                {name: part.probabilities for name, part in parts.items()},
             )
         )
     return results

@@ -38,7 +38,7 @@ from wheelhop.studies.brancati.monte_carlo import (
     sample_drives,
 )
 from wheelhop.studies.brancati.plant import FLEET, Driven, Plant, drive_all
-from wheelhop.studies.brancati.records import drive_classes
+from wheelhop.studies.brancati.records import drive_classes, stored_drives
 from wheelhop.studies.brancati.road_rules import QUICK as QUICK_ROADS
 from wheelhop.studies.brancati.road_rules import RoadSettings
 from wheelhop.studies.brancati.roads import RoadStudy, road_study
@@ -82,12 +82,12 @@ class ValidationSettings:
 
     conventions: tuple[str, ...] = CONVENTIONS
     runs: int = 100
-    training: int = 48
+    training: int = 40
     repetitions: int = 16
     duration: float = 10.0
     noise: float = 0.5
     seed: int = 0
-    tuning: TuningSettings = field(default_factory=lambda: TuningSettings(iterations=40, rate=0.25))
+    tuning: TuningSettings = field(default_factory=lambda: TuningSettings(iterations=25, rate=0.25))
     second_objective: str | None = "log_score"
     tune_singles: bool = True
     identification: StudySettings = field(
@@ -193,6 +193,13 @@ def validate_validation(settings: ValidationSettings) -> ValidationSettings:
     return settings
 
 
+def refuse_other_store(settings: ValidationSettings, store: Path) -> None:
+    """Raise `InputError` if a store holds drives of other settings."""
+    for convention in settings.conventions:
+        chosen = _identification(settings, convention)
+        stored_drives(Path(store) / convention / "records", chosen.drives, chosen.classes)
+
+
 def validation(settings: ValidationSettings, store: Path | None, bar: Bar) -> Validation:
     """Run everything; what is finished in `store` is not computed again.
 
@@ -208,11 +215,10 @@ def validation(settings: ValidationSettings, store: Path | None, bar: Bar) -> Va
     validate_validation(settings)
     measured = None if settings.measured is None else measured_road(settings.measured)
     with bar("random roads", "classes") as advance:
-        roads = road_study(settings.roads, advance)
+        roads = road_study(replace(settings.roads, seed=settings.seed), advance)
     results: dict[str, ConventionResult] = {}
     for convention in settings.conventions:
-        before = next(iter(results.values()), None)
-        results[convention] = _of_convention(settings, convention, measured, store, bar, before)
+        results[convention] = _of_convention(settings, convention, measured, store, bar)
     return Validation(settings, roads, measured, results)
 
 
@@ -222,7 +228,6 @@ def _of_convention(
     measured: MeasuredRoadStudy | None,
     store: Path | None,
     bar: Bar,
-    before: ConventionResult | None,
 ) -> ConventionResult:
     place = None if store is None else Path(store) / convention
     identification, records = _identified(settings, convention, place, bar)
@@ -239,7 +244,8 @@ def _of_convention(
     train_numbers = list(range(TRAINING, TRAINING + settings.training))
     test = (runs, list(range(len(runs.records))))
     data = (car, (training, train_numbers), test)
-    filters, second = _tuned(settings, candidates(cars, convention), data, bar, before, place)
+    chosen = candidates(cars, convention, settings.noise)
+    filters, second = _tuned(settings, chosen, data, bar, place)
     with bar("Monte Carlo", "runs") as advance:
         campaign = monte_carlo(plant, car, filters, settings.runs, place, advance, runs)
     count = len(runs.records)
@@ -283,17 +289,22 @@ def _tuned(
     chosen: list[Candidate],
     data: tuple[QuarterCar, tuple[Driven, Any], tuple[Driven, Any]],
     bar: Bar,
-    before: ConventionResult | None,
     store: Path | None,
 ) -> tuple[list[TunedFilter], list[TunedFilter]]:
     """All filters, and those over all classes on the second objective too."""
     made_of = {n: getattr(settings, n) for n in ("training", "duration", "noise", "seed")}
     made_of["test"] = min(settings.runs, TEST_RUNS)
     own = [k for k, c in enumerate(CONTENDERS) if settings.tune_singles or c.parent is None]
-    starts = None if before is None else {f.name: f.tuned for f in before.filters}
     with bar("tuning", "iterations") as advance:
         found = tune_all(
-            [chosen[k] for k in own], *data, settings.tuning, starts, advance, store, made_of
+            [chosen[k] for k in own],
+            *data,
+            settings.tuning,
+            settings.seed,
+            None,
+            advance,
+            store,
+            made_of,
         )
     by_number = dict(zip(own, found, strict=True))
     for k, contender in enumerate(CONTENDERS):
@@ -307,7 +318,14 @@ def _tuned(
     starts = {f.name: f.tuned for f in filters}
     with bar("tuning for honest errors", "iterations") as advance:
         second = tune_all(
-            [chosen[k] for k in over_all], *data, other, starts, advance, store, made_of
+            [chosen[k] for k in over_all],
+            *data,
+            other,
+            settings.seed,
+            starts,
+            advance,
+            store,
+            made_of,
         )
     return filters, second
 
@@ -318,20 +336,20 @@ def cases_of(settings: ValidationSettings) -> list[Case]:
 
 
 def filter_cars(identification: IdentificationStudy) -> dict[str, QuarterCar]:
-    """The corner by road class; a class that was not identified takes the set of another."""
-    fits = identification.fits
-    known = [fits[f"ours {c}"].car for c in identification.settings.classes]
-    return {
-        c: fits[f"ours {c}"].car if f"ours {c}" in fits else known[min(k, len(known) - 1)]
-        for k, c in enumerate(CLASSES)
-    }
+    """The corner by road class; a class that was not identified takes its nearest."""
+    identified = identification.settings.classes
+
+    def nearest(wanted: str) -> str:
+        return min(identified, key=lambda known: abs(ord(known) - ord(wanted)))
+
+    return {c: identification.fits[f"ours {nearest(c)}"].car for c in CLASSES}
 
 
 def _identified(
     settings: ValidationSettings, convention: str, place: Path | None, bar: Bar
 ) -> tuple[IdentificationStudy, dict[str, tuple[CornerRecord, ...]]]:
-    drives = replace(settings.identification.drives, convention=convention, seed=settings.seed)
-    chosen = replace(settings.identification, drives=drives)
+    chosen = _identification(settings, convention)
+    drives = chosen.drives
     store = None if place is None else place / "records"
     with bar(f"driving for Table 3 ({convention})", "drives") as advance:
         records = drive_classes(drives, chosen.classes, store, advance)
@@ -339,6 +357,11 @@ def _identified(
         # what speaks against a fit stands in its results
         warnings.simplefilter("ignore", InputWarning)
         return identification_study(chosen, records, advance), records
+
+
+def _identification(settings: ValidationSettings, convention: str) -> StudySettings:
+    drives = replace(settings.identification.drives, convention=convention, seed=settings.seed)
+    return replace(settings.identification, drives=drives)
 
 
 def _driven(settings: ValidationSettings, plant: Plant, bar: Bar) -> tuple[Driven, Driven, Driven]:

@@ -16,6 +16,7 @@ from wheelhop import __version__
 from wheelhop.estimators.candidate import Candidate
 from wheelhop.estimators.tuning import Tuned, TuningSettings
 from wheelhop.io.results import write_json
+from wheelhop.io.source import source_digest
 
 
 def tuning_key(
@@ -40,6 +41,7 @@ def tuning_key(
         "training": dict(training),
         "precision": str(jnp.zeros(()).dtype),
         "versions": [__version__, jax.__version__],
+        "source": source_digest(),
     }
     return json.dumps(content, sort_keys=True, default=str)
 
