@@ -42,7 +42,7 @@ from wheelhop.identification.replay import driven
 from wheelhop.io.results import write_figure, write_json
 from wheelhop.plots.style import new_figure
 from wheelhop.staging import staged_jit
-from wheelhop.studies.brancati_records import DriveSettings, drive_classes
+from wheelhop.studies.brancati.records import DriveSettings, drive_classes
 from wheelhop.vehicle.parameters import brancati_suv
 
 GENERATIONS = 1000

@@ -60,14 +60,15 @@ def test_every_argument_may_have_a_run_axis():
     def one(s, y, p, u):
         return drive.run(IMM, s, y, p, inputs=u, bind=bind)
 
-    assert_trees_close(found, jax.vmap(one)(states, ys, many, factors))
+    assert_trees_close(found, jax.jit(jax.vmap(one))(states, ys, many, factors))
 
 
 def test_parameters_alone_may_vary():
     y = jax.tree.map(lambda a: a[1], records(2))
     many = jax.vmap(params)(jnp.array([0.5, 1.0, 2.0]))
     found = log_likelihood_batch(IMM, start(), y, many, in_axes=(None, None, 0, None))
-    expected = [drive.log_likelihood(IMM, start(), y, params(scale)) for scale in (0.5, 1.0, 2.0)]
+    one = jax.jit(lambda scale: drive.log_likelihood(IMM, start(), y, params(scale)))
+    expected = [one(scale) for scale in (0.5, 1.0, 2.0)]
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
@@ -81,8 +82,11 @@ def test_log_likelihood_and_its_gradient_equal_vmap():
         one = jax.vmap(lambda y: drive.log_likelihood(IMM, start(), y, params(scale)))
         return one(ys).sum()
 
-    assert float(fast(1.3)) == pytest.approx(float(plain(1.3)), rel=1e-12)
-    assert float(jax.grad(fast)(1.3)) == pytest.approx(float(jax.grad(plain)(1.3)), rel=1e-9)
+    found, slope = jax.jit(jax.value_and_grad(fast))(1.3)
+    expected, expected_slope = jax.jit(jax.value_and_grad(plain))(1.3)
+    assert float(fast(1.3)) == pytest.approx(float(expected), rel=1e-12)
+    assert float(found) == pytest.approx(float(expected), rel=1e-12)
+    assert float(slope) == pytest.approx(float(expected_slope), rel=1e-9)
 
 
 def test_what_to_keep_is_the_callers():

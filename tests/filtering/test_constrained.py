@@ -111,7 +111,7 @@ def test_gradient_is_that_of_the_formula():
         return found.mean.bias + 2.0 * found.mean.velocity + 3.0 * found.mean.position
 
     at = jnp.ones(5)
-    slope = jax.grad(total)(at)
+    slope = jax.jit(jax.grad(total))(at)
     assert np.count_nonzero(np.abs(slope) > 1e-3) >= 4
     for k, step in enumerate(1e-6 * np.eye(5)):
         difference = float((total(at + step) - total(at - step)) / 2e-6)

@@ -95,7 +95,7 @@ def test_a_component_known_exactly_stays_known():
         beliefs = drive.run(filter, belief, y, 1.0, keep=lambda s, info: s)
         return jnp.sum(smoother(beliefs, 1.0).mean.position)
 
-    assert np.isfinite(jax.grad(total)(jnp.asarray(ys[:, 0]))).all()
+    assert np.isfinite(jax.jit(jax.grad(total))(jnp.asarray(ys[:, 0]))).all()
 
 
 def test_inputs_that_vary_in_time_are_those_of_the_filter():

@@ -175,7 +175,7 @@ def likelihood_and_slopes(factors, cov, ys):
         start = Gaussian(mean, smallmat.from_dense(u[3] * cov))
         return drive.log_likelihood(filter, filter.init(start, u[4]), ys, u[4])
 
-    return jax.value_and_grad(total, argnums=(0, 1))(factors, ys)
+    return jax.jit(jax.value_and_grad(total, argnums=(0, 1)))(factors, ys)
 
 
 @pytest.mark.parametrize("known", [None, 2, 0])
@@ -301,7 +301,7 @@ def test_a_mixture_ignores_a_lost_member_in_value_and_gradient():
         return sum(jnp.sum(leaf) for leaf in jax.tree.leaves(mixed))
 
     assert float(total(weights, lost)) == pytest.approx(float(total(weights, stacked_beliefs())))
-    slopes = jax.grad(total, argnums=(0, 1))(weights, lost)
+    slopes = jax.jit(jax.grad(total, argnums=(0, 1)))(weights, lost)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(slopes))
     assert abs(float(slopes[0][0])) > 0.0
 
@@ -363,7 +363,7 @@ def test_a_known_state_and_divergence():
         return info.log_likelihood + state.mean.position
 
     assert np.isfinite(total(prior().mean))
-    assert all(np.isfinite(g) for g in jax.grad(total)(prior().mean))
+    assert all(np.isfinite(g) for g in jax.jit(jax.grad(total))(prior().mean))
     start = filter.init(gaussian(Track(np.inf, 0.0, 0.0), jnp.asarray(COV)), 1.0)
     assert bool(jax.jit(filter.step)(start, y, 1.0)[1].flags.nonfinite)
 

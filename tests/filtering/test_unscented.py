@@ -49,7 +49,7 @@ def test_missing_entries_are_counted_and_leave_no_trace_in_the_gradient():
     assert np.flatnonzero(trajectory.info.flags.missing).tolist() == [3, 7]
     assert trajectory.info.flags.missing[7] == 2
     assert np.asarray(trajectory.info.innovation.a)[3] == 0.0
-    by_y, by_scale = jax.grad(total, argnums=(0, 1))(jnp.asarray(gapped[:, 0]), 1.0)
+    by_y, by_scale = jax.jit(jax.grad(total, argnums=(0, 1)))(jnp.asarray(gapped[:, 0]), 1.0)
     assert np.isfinite(by_y).all()
     assert float(by_y[3]) == 0.0
     assert abs(float(by_y[4])) > 0.0
@@ -112,7 +112,7 @@ def test_a_known_state_and_noise_free_sensors_stay_finite():
         return info.log_likelihood + state.mean.position
 
     assert np.isfinite(total(belief.mean))
-    assert all(np.isfinite(g) for g in jax.grad(total)(belief.mean))
+    assert all(np.isfinite(g) for g in jax.jit(jax.grad(total))(belief.mean))
 
 
 def test_divergence_is_flagged():

@@ -2,7 +2,9 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
+import jax
 import numpy as np
 import pytest
 
@@ -13,20 +15,29 @@ from wheelhop.estimators.candidates import PRIOR_PRESSURE, PRIOR_SIGMA
 from wheelhop.estimators.tuning import Tuned, TuningSettings
 from wheelhop.io.report import FAILS, HOLDS, IN_PART
 from wheelhop.studies.brancati import monte_carlo as campaign
-from wheelhop.studies.brancati.claims import verdict_of
+from wheelhop.studies.brancati import plant as plants
+from wheelhop.studies.brancati.claims import gain_text, over_all, verdict_of
+from wheelhop.studies.brancati.claims_drives import case_findings
+from wheelhop.studies.brancati.claims_monte_carlo import monte_carlo_findings
 from wheelhop.studies.brancati.contenders import (
     CONTENDERS,
     FLOOR,
     TunedFilter,
     candidates,
+    filter_keys,
     floor_track,
     true_stiffness,
     tune_all,
 )
-from wheelhop.studies.brancati.monte_carlo import kept_times, monte_carlo, sample_drives
+from wheelhop.studies.brancati.monte_carlo import TRAINING, kept_times, monte_carlo, sample_drives
 from wheelhop.studies.brancati.plant import RATE, Driven, Plant
 from wheelhop.studies.brancati.scenarios import CASES, FIRST, case_drives, judge_cases
-from wheelhop.studies.brancati.study import QUICK, validate_validation
+from wheelhop.studies.brancati.study import (
+    QUICK,
+    ConventionResult,
+    Validation,
+    validate_validation,
+)
 from wheelhop.vehicle.parameters import brancati_suv
 from wheelhop.vehicle.quarter_car import Accelerations
 from wheelhop.vehicle.tire import pressure_from_stiffness, pressure_slope, stiffness_from_pressure
@@ -39,7 +50,13 @@ def fake_drives(plant, drives, on_progress=None, fleet=4):
     """What `drive_all` returns, measured as the level filter does; counts its calls."""
     del on_progress, fleet
     fake_drives.calls += 1
-    pressure = np.array([[d.pressure] * plant.samples for d in drives])
+    t = np.arange(1, plant.samples + 1) / RATE
+    pressure = np.array(
+        [
+            np.interp(t, np.cumsum(d.loss), [d.pressure, d.end_pressure or d.pressure])
+            for d in drives
+        ]
+    )
     truth = np.asarray(stiffness_from_pressure(pressure, CAR.tire))
     noise = np.stack(
         [
@@ -187,6 +204,120 @@ def test_truth_is_the_papers_line():
     driven = fake_drives(PLANT, sample_drives(range(2), 0))
     expected = 264.7e3 * (1.0 + 0.7 * (driven.pressure - 250e3) / 250e3)
     np.testing.assert_allclose(true_stiffness(driven, CAR), expected)
+
+
+def test_seeds_reach_the_filters_own_draws_and_differ_from_roads_and_sensors():
+    numbers = [0, 1, 2]
+
+    def bits(keys):
+        return np.asarray(jax.random.key_data(keys))
+
+    assert not np.array_equal(bits(filter_keys(numbers, 0)), bits(filter_keys(numbers, 1)))
+    drives = sample_drives(numbers, 0)
+    for use in (0, 1):
+        others = bits(plants._keys(PLANT, drives, use))
+        assert not (bits(filter_keys(numbers, PLANT.seed)) == others).all(axis=1).any()
+    assert np.array_equal(bits(filter_keys([2], 0))[0], bits(filter_keys(numbers, 0))[2])
+
+
+def test_training_runs_are_no_runs_of_the_monte_carlo_nor_single_drives():
+    assert TRAINING > 999_999
+    assert FIRST > TRAINING + 100_000
+
+
+def test_a_filter_that_loses_a_run_is_judged_on_the_others(plant, filters, monkeypatch):
+    def lose_one(part, car, chosen, numbers, seed):
+        kept = filtered(part, car, chosen, numbers, seed)
+        kept["stiffness_0"] = kept["stiffness_0"].copy()
+        kept["stiffness_0"][1] = np.nan
+        return kept
+
+    filtered = campaign._filtered
+    monkeypatch.setattr(campaign, "_filtered", lose_one)
+    found = monte_carlo(plant, CAR, filters, 6, fleet=8)
+    assert found.figures["level"].lost == 1
+    assert found.figures[FLOOR].lost == 0
+    assert np.isfinite(found.figures["level"].final_rmse.value)
+    assert np.isfinite(found.gain("level", FLOOR).value)
+
+
+def test_gains_are_paired(plant, filters):
+    found = monte_carlo(plant, CAR, filters, 12, fleet=16)
+    gain = found.gain("level", FLOOR)
+    floor, level = (found.figures[n].final_rmse.value for n in (FLOOR, "level"))
+    assert gain.value == pytest.approx(floor - level)
+    assert 0 < gain.low < gain.value < gain.high
+    assert found.gain("level", "level") == (0.0, 0.0, 0.0)
+    assert gain_text(gain).startswith(f"{gain.value / 1e3:.1f} kPa better (+")
+    assert "worse" in gain_text(found.gain(FLOOR, "level"))
+
+
+def partly(kind, **fields):
+    """An instance that holds only what claims read."""
+    made = object.__new__(kind)
+    for name, value in fields.items():
+        object.__setattr__(made, name, value)
+    return made
+
+
+def study_of(filters, named, cases=CASES, repetitions=3):
+    """What claims need of a validation, with one filter that finds the truth."""
+    chosen = [replace_name(filters[0], n) for n in named]
+    plant = replace(PLANT, duration=6.0)
+    driven = fake_drives(plant, case_drives(cases, repetitions, plant.duration))
+    campaign_of = partial(
+        monte_carlo, plant, CAR, driven=fake_drives(plant, sample_drives(range(6), 0))
+    )
+    result = partly(
+        ConventionResult,
+        convention="iso8608",
+        filters=chosen,
+        second=[],
+        second_monte_carlo=None,
+        monte_carlo=campaign_of(chosen, 6),
+        untuned_monte_carlo=campaign_of([f.untuned() for f in chosen[:2]], 6),
+        cases=judge_cases(plant, CAR, chosen, cases, repetitions, driven),
+    )
+    return partly(Validation, conventions={"iso8608": result})
+
+
+def replace_name(filter, name):
+    return replace(filter, candidate=replace(filter.candidate, name=name))
+
+
+@pytest.fixture(scope="module")
+def good_study(filters):
+    return study_of(filters, ["printed", "corrected", "printed, A", "corrected, A"])
+
+
+def verdicts(findings):
+    return {f.claim: f.verdict for f in findings}
+
+
+def test_a_filter_that_finds_the_truth_meets_the_claims_of_accuracy(good_study):
+    assert over_all(good_study) == ["printed", "corrected"]
+    found = verdicts(case_findings(good_study))
+    for words in (
+        "On a class A road the estimate",
+        "On a class D road the estimate",
+        "followed without significant delay",
+        "below 5 %",
+        "measured road",
+    ):
+        assert next(v for claim, v in found.items() if words in claim) == HOLDS
+    # it has one mode only
+    for words in ("the mode of class A", "the mode of class D", "mode 1 is most trusted"):
+        assert next(v for claim, v in found.items() if words in claim) == FAILS
+    runs = verdicts(monte_carlo_findings(good_study))
+    assert next(v for claim, v in runs.items() if "guessing" in claim) == HOLDS
+    assert next(v for claim, v in runs.items() if "single class A" in claim) == FAILS
+
+
+def test_findings_name_every_filter_with_its_numbers(good_study):
+    for finding in (*case_findings(good_study), *monte_carlo_findings(good_study)):
+        assert "printed" in finding.measured
+        assert "corrected" in finding.measured
+        assert finding.why.endswith((".", ")"))
 
 
 def test_verdicts():

@@ -57,7 +57,7 @@ class Tracking(NamedTuple):
     final_bias: float
     converged: float
     convergence_time: float
-    lost: int
+    lost: int = 0
 
 
 def tracking(
@@ -141,7 +141,7 @@ def rms_gain(
         return Interval(*[float("nan")] * 3)
     first, second = (s[finite] for s in squares)
 
-    def gain(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
+    def gain(a: np.ndarray, b: np.ndarray, axis: int = -1) -> Any:
         return np.sqrt(b.mean(axis=axis)) - np.sqrt(a.mean(axis=axis))
 
     value = float(gain(first, second))

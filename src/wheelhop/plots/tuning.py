@@ -54,7 +54,8 @@ def plot_tuning(
         _draw_objective(ax, chosen, colours, (floors or {}).get(objective), unit)
         ax.set_ylabel(f"{label}\n[{unit}]")
     ax.set_xlabel("iteration")
-    for face, what in (("white", "start"), (MUTED, "best")):
+    tested = any(np.isfinite(tuned.test) for tuned in histories.values())
+    for face, what in (("white", "start"), (MUTED, "best")) if tested else ():
         look: dict[str, Any] = {"color": MUTED, "markerfacecolor": face, "markersize": 6}
         ax.plot([], [], "D", label=f"{what} on the test runs", **look)
     _draw_knobs(figure.add_subplot(grid[:, 1]), histories, knobs, colours)

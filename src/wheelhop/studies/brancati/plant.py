@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from wheelhop.errors import InputError, require_in_range
 from wheelhop.estimators.candidate import Records, as_float
 from wheelhop.staging import staged_jit
 from wheelhop.vehicle.equilibrium import require_rest, state_at_rest, static_equilibrium
@@ -34,6 +35,9 @@ SUBSTEPS = 2
 
 CORNER = 0
 """Front left."""
+
+DRIVEN = "ABCDE"
+"""Classes of roads that a car stays on at these speeds."""
 
 FLEET = 128
 """Vehicles in one compiled call."""
@@ -139,9 +143,11 @@ def drive_all(
         fleet: vehicles in one call.
 
     Raises:
-        InputError: for a road class or speed that cannot be driven.
+        InputError: for a road, speed, pressure or payload that cannot be driven.
         DivergenceError: naming the run that left the finite numbers.
     """
+    for drive in drives:
+        _check(plant, drive)
     parts = []
     for first in range(0, len(drives), fleet):
         part = drives[first : first + fleet]
@@ -151,6 +157,18 @@ def drive_all(
         if on_progress is not None:
             on_progress(first + len(part), len(drives))
     return joined(parts)
+
+
+def _check(plant: Plant, drive: Drive) -> None:
+    require_in_range("speed", drive.speed, 1.0, plant.fastest, "m/s")
+    for pressure in (drive.pressure, drive.end_pressure or drive.pressure):
+        require_in_range("pressure", pressure, 50e3, 1e6, "Pa")
+    require_in_range("payload", drive.payload, 0.0, 2000.0, "kg")
+    for road in (drive.road, drive.then or drive.road):
+        if road == "measured" and plant.measured is None:
+            raise InputError("road", "the plant has no measured road", "Give it `measured`.")
+        if road != "measured" and road not in DRIVEN:
+            raise InputError("road", f"{road!r} is not driven", f"Use one of {DRIVEN}, measured.")
 
 
 def joined(parts: list[Driven]) -> Driven:
