@@ -221,7 +221,7 @@ def _case_figure(
         figure = plot_tracking(
             t,
             first.truth,
-            courses,
+            over_all,
             title=f"{_capital(title)}; {of_roads}",
             event=event,
             prior=PRIOR_PRESSURE,
