@@ -187,6 +187,22 @@ def test_a_missing_row_predicts_only(case):
     assert float(info.nis[4]) == pytest.approx(0.0, abs=1e-12)
 
 
+# their gradients are compared with differences in tests of their own
+CHECKED_ELSEWHERE = (
+    "recursive maximum likelihood",
+    "interacting square root",
+    "unknown input",
+    "square root",
+    "Gauss-Hermite",
+    "augmented",
+)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(f, marks=pytest.mark.slow if f in CHECKED_ELSEWHERE else ()) for f in FILTERS],
+    indirect=True,
+)
 def test_gradient_is_finite(case):
     ys = measurements(2)
     slope = jax.jit(jax.grad(lambda s: run(case, ys, s).info.log_likelihood.sum()))(1.0)

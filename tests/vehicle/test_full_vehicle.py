@@ -422,6 +422,7 @@ def central(function, direction, h):
     return (moved[0] - moved[1]) / (2 * h)
 
 
+@pytest.mark.slow
 def test_derivatives_of_a_drive_equal_central_differences():
     """Over 0.3 s, by springs, dampers, pressures, tyres and grip."""
     steer = 0.05 * np.sin(np.pi * TIMES)
