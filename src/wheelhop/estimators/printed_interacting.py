@@ -69,7 +69,7 @@ def printed_interacting(member: Filter, forms: PrintedForms = PrintedForms()) ->
         return InteractingState(states, log_probabilities, combined), report
 
     def mix(weights: Any, stacked: InteractingState) -> InteractingState:
-        raise NotImplementedError("the printed filter is no member of another")
+        raise TypeError("the printed filter cannot be a member of another; use `interacting`")
 
     return Filter(init, step, mix)
 
