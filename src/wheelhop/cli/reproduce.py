@@ -62,8 +62,9 @@ def reproduce(
     --table 3 the identification alone. Drives of the identification, tunings and Monte Carlo runs
     are kept in OUT, and the same command resumes an interrupted run.
 
-    Examples: wheelhop reproduce brancati --quick --out brancati-quick;
-    wheelhop reproduce brancati --runs 10000 --out brancati;
+    Example: wheelhop reproduce brancati --quick --out brancati-quick
+
+    Others: wheelhop reproduce brancati --runs 10000 --out brancati;
     wheelhop reproduce brancati --table 3 --out table3
     """
     chosen = _chosen(paper, table)

@@ -99,11 +99,11 @@ class ValidationSettings:
 
 
 QUICK = ValidationSettings(
-    runs=24,
-    training=16,
-    repetitions=3,
+    runs=16,
+    training=12,
+    repetitions=2,
     duration=5.0,
-    tuning=TuningSettings(iterations=12, rate=0.4, settling=1.0),
+    tuning=TuningSettings(iterations=8, rate=0.4, settling=1.0),
     second_objective=None,
     tune_singles=False,
     identification=QUICK_IDENTIFICATION,
