@@ -34,7 +34,7 @@ from wheelhop.studies.brancati.study import (
 ROAD = Path("roads/michalsorel_iri/profile_1.txt")
 """The measured road below the directory that WHEELHOP_DATA names."""
 
-# seconds on two cores of 2023, measured: fixed parts, an iteration and training run, a run
+# rough seconds on two cores: fixed parts, an iteration and training run, a run
 _FIXED = 420.0
 _PER_ITERATION_AND_RUN = 0.06
 _PER_RUN = 0.35

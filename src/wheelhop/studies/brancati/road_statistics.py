@@ -110,4 +110,5 @@ def roughness_indices(z: Float[np.ndarray, "roads points"], spacing: float) -> n
 
 
 def decibels(ratio: Any) -> Any:
+    """A ratio of powers [-] as decibels."""
     return 10.0 * np.log10(ratio)
