@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from wheelhop import __version__
+from wheelhop.cli.bound import bound
 from wheelhop.cli.estimate import demo, estimate
 from wheelhop.cli.identify import identify
 from wheelhop.cli.montecarlo import montecarlo
@@ -33,6 +34,7 @@ for _command in (
     vehicle,
     tire,
     reproduce,
+    bound,
 ):
     app.command()(_command)
 

@@ -28,6 +28,7 @@ from wheelhop.filtering.interacting_smoothing import (
     interacting_unscented_smoother,
 )
 from wheelhop.filtering.interface import Filter, Flags, Info, StateSpaceModel
+from wheelhop.filtering.joint_sensitivity import joint_sensitivity
 from wheelhop.filtering.kalman import LinearGaussian, kalman
 from wheelhop.filtering.parallel import (
     parallel_filter,
@@ -98,6 +99,7 @@ __all__ = [
     "interacting",
     "interacting_extended_smoother",
     "interacting_unscented_smoother",
+    "joint_sensitivity",
     "kalman",
     "log_likelihood_batch",
     "moment_match",

@@ -116,14 +116,14 @@ def sensitivity(filter: Filter, bind: BindTheta, limit: float = 2.0) -> Filter:
                 f"prior is a {type(prior).__name__}; give SensitivityPrior(state, theta), the "
                 "inner filter's prior and the Gaussian of theta"
             )
-        _walk_cov(params.walk, prior.theta.mean)
+        walk_cov(params.walk, prior.theta.mean)
 
         def start(theta: Named) -> State:
             return filter.init(prior.state, bind(params.inner, theta))
 
         inner, tangents = jax.vmap(
-            lambda along: _derivative(start, (prior.theta.mean,), (along,)), out_axes=(None, 0)
-        )(_units(prior.theta.mean))
+            lambda along: derivative_along(start, (prior.theta.mean,), (along,)), out_axes=(None, 0)
+        )(units(prior.theta.mean))
         return SensitivityState(inner, tangents, prior.theta)
 
     def step(
@@ -134,11 +134,11 @@ def sensitivity(filter: Filter, bind: BindTheta, limit: float = 2.0) -> Filter:
 
         at = (state.inner, state.theta.mean)
         (inner, info), (tangents, slope) = jax.vmap(
-            lambda *along: _derivative(advance, at, along), out_axes=(None, 0)
-        )(state.tangents, _units(state.theta.mean))
-        tangents, restarted = _restart(inner, tangents, jnp.ndim(info.log_likelihood))
+            lambda *along: derivative_along(advance, at, along), out_axes=(None, 0)
+        )(state.tangents, units(state.theta.mean))
+        tangents, restarted = restart(inner, tangents, jnp.ndim(info.log_likelihood))
 
-        predicted = smallmat.add(state.theta.cov, _walk_cov(params.walk, state.theta.mean))
+        predicted = smallmat.add(state.theta.cov, walk_cov(params.walk, state.theta.mean))
         columns = information_columns(info.innovation_cov, slope.innovation, slope.innovation_cov)
         theta, finite, guarded = newton_step(
             Gaussian(state.theta.mean, predicted), tuple(slope.log_likelihood), columns, limit
@@ -151,7 +151,7 @@ def sensitivity(filter: Filter, bind: BindTheta, limit: float = 2.0) -> Filter:
 
     def mix(weights: Any, stacked: SensitivityState) -> SensitivityState:
         inner, tangents = jax.vmap(
-            lambda along: _derivative(
+            lambda along: derivative_along(
                 lambda states: filter.mix(weights, states), (stacked.inner,), (along,)
             ),
             in_axes=1,
@@ -231,8 +231,8 @@ def newton_step(
     return kept, finite, guarded
 
 
-def _units(theta: Named) -> Named:
-    """The p unit directions of theta, on a leading axis."""
+def units(theta: Named) -> Named:
+    """The p unit directions of theta, entries [p, ...]."""
     p = len(theta)
     return type(theta)(
         *(
@@ -242,7 +242,7 @@ def _units(theta: Named) -> Named:
     )
 
 
-def _derivative(function: Callable, at: tuple, along: tuple) -> tuple[Any, Any]:
+def derivative_along(function: Callable, at: tuple, along: tuple) -> tuple[Any, Any]:
     """Value and directional derivative; leaves without a derivative hold zeros of their type."""
 
     def enter(value: Any, tangent: Any) -> Any:
@@ -257,8 +257,14 @@ def _derivative(function: Callable, at: tuple, along: tuple) -> tuple[Any, Any]:
     return value, jax.tree.map(leave, value, tangent)
 
 
-def _restart(state: State, tangents: Any, lanes: int) -> tuple[Any, Any]:
-    """Tangents with what is not finite set to zero, and where that befell a finite state."""
+def restart(state: State, tangents: Any, lanes: int) -> tuple[Any, Any]:
+    """Tangents with what is not finite set to zero, and where that befell a finite state.
+
+    Args:
+        state: the inner filter's.
+        tangents: d state / d theta, leaves [p, ...].
+        lanes: number of trailing axes of runs.
+    """
     lost: Any = False
     for x, t in zip(jax.tree.leaves(state), jax.tree.leaves(tangents), strict=True):
         lost = lost | jnp.any(
@@ -268,7 +274,12 @@ def _restart(state: State, tangents: Any, lanes: int) -> tuple[Any, Any]:
     return kept, lost
 
 
-def _walk_cov(walk: Any, theta: Named) -> Lower:
+def walk_cov(walk: Any, theta: Named) -> Lower:
+    """Lower triangle of a walk's covariance; see `SensitivityParams`.
+
+    Raises:
+        ValueError: if it does not fit theta.
+    """
     if len(walk) != len(theta):
         raise ValueError(
             f"walk has {len(walk)} entries for the {len(theta)} components {theta._fields} of "

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from wheelhop.filtering import Filter, extended, unscented
 from wheelhop.filtering.sensitivity import information_columns
 from wheelhop.identification.parameters import SearchSpace
-from wheelhop.identification.road_model import RoadModelParams, corner_on_road, prior
+from wheelhop.estimators.road_model import RoadModelParams, corner_on_road, prior
 from wheelhop.staging import staged_jit
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.quarter_car import Accelerations

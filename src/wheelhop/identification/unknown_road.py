@@ -12,7 +12,7 @@ import numpy as np
 from wheelhop.errors import InputError
 from wheelhop.identification.drives import SHORTEST, checked_names
 from wheelhop.identification.likelihood import Course
-from wheelhop.identification.road_model import LONGEST_STEP
+from wheelhop.estimators.road_model import LONGEST_STEP
 from wheelhop.vehicle.record import CornerRecord
 
 SETTLING = 0.5
