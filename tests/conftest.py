@@ -2,6 +2,7 @@
 
 import gc
 import os
+from contextlib import contextmanager
 from pathlib import Path
 
 import jax
@@ -9,6 +10,13 @@ import pytest
 from jaxtyping import install_import_hook
 
 install_import_hook("wheelhop", "beartype.beartype")
+
+# What a test compiles it runs once: a quarter of the compiling, for slower code. XLA aborts on a
+# flag it does not know, so only where both are known; an empty XLA_FLAGS compiles as users do.
+AS_USERS = {"xla_backend_optimization_level": 3, "xla_cpu_use_fusion_emitters": True}
+if jax.__version_info__ < (0, 11):
+    QUICK = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+    os.environ.setdefault("XLA_FLAGS", QUICK)
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -39,6 +47,27 @@ def _release_compiled_code():
     if not maps.exists() or len(maps.read_text().splitlines()) > 20_000:
         jax.clear_caches()
         gc.collect()
+
+
+@pytest.fixture(scope="session")
+def stages_as_users_compile():
+    """Context in which `staged_jit` compiles with XLA's defaults, and the options `jit` needs."""
+    from wheelhop import staging
+
+    def forget():
+        staging.available.cache_clear()
+        staging.misfits.cache_clear()
+
+    @contextmanager
+    def context():
+        options = AS_USERS if os.environ.get("XLA_FLAGS") else {}
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(staging, "_OPTIONS", staging._OPTIONS | options)
+            forget()
+            yield options
+        forget()
+
+    return context
 
 
 @pytest.fixture

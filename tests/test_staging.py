@@ -9,6 +9,12 @@ from wheelhop import staging
 from wheelhop.staging import native_jit, stage, staged_jit
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _as_users_compile(stages_as_users_compile):
+    with stages_as_users_compile():
+        yield
+
+
 def pendulum(x):
     step = stage(lambda angle, rate: (angle + 0.1 * rate, rate - 0.1 * jnp.sin(angle)))
 

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from scipy.stats import chi2
 
 from wheelhop.errors import DivergenceError, InputError
-from wheelhop.estimators.estimate import estimate_pressure
+from wheelhop.estimators.estimate_immuf import estimate_by_immuf
 from wheelhop.estimators.immuf import (
     CornerState,
     Tuning,
@@ -82,7 +82,7 @@ def test_slow_logs_are_filtered_too(rate):
     t = np.arange(1, samples + 1) / rate
     record = CornerRecord(t, a_s, a_u, np.full(samples, SPEED))
     known = Tuning(prior_pressure_sigma=100.0, stiffness_walk=0.0)
-    result = estimate_pressure(record, CAR, classes=("B",), tuning=known)
+    result = estimate_by_immuf(record, CAR, classes=("B",), tuning=known)
     assert np.isfinite(result.pressure).all()
     assert result.nis[rate:].mean() == pytest.approx(2.0, abs=4 * 2 / np.sqrt(7 * rate))
 
@@ -140,7 +140,7 @@ def make_record(pressure=200e3, road_class="B", samples=3000, seed=0):
 
 @pytest.mark.parametrize("road_class", ["A", "B", "C", "D"])
 def test_the_true_class_wins_on_every_exact_class_road(road_class):
-    result = estimate_pressure(make_record(road_class=road_class), CAR)
+    result = estimate_by_immuf(make_record(road_class=road_class), CAR)
     share = result.mode_probabilities[500:].mean(axis=0)
     assert result.modes[int(np.argmax(share))] == road_class
     np.testing.assert_allclose(result.mode_probabilities.sum(axis=1), 1.0, atol=1e-9)
@@ -151,20 +151,20 @@ def test_a_gap_widens_sigma_and_leaves_the_estimate_finite():
     gapped = replace(record, a_s=record.a_s.copy(), a_u=record.a_u.copy())
     gapped.a_s[1500:2000] = np.nan
     gapped.a_u[1500:2000] = np.nan
-    result = estimate_pressure(gapped, CAR)
+    result = estimate_by_immuf(gapped, CAR)
     assert np.isfinite(result.pressure).all()
     assert result.pressure_sigma[1999] > result.pressure_sigma[1499]
     assert np.all(result.missing[1500:2000] == 2)
     np.testing.assert_allclose(
-        result.pressure[:1500], estimate_pressure(record, CAR).pressure[:1500], rtol=1e-9
+        result.pressure[:1500], estimate_by_immuf(record, CAR).pressure[:1500], rtol=1e-9
     )
 
 
 def test_float32_gives_the_same_estimate_within_a_tenth_of_sigma():
     record = make_record()
-    double = estimate_pressure(record, CAR)
+    double = estimate_by_immuf(record, CAR)
     with jax.enable_x64(False):
-        single = estimate_pressure(record, CAR)
+        single = estimate_by_immuf(record, CAR)
     deviation = np.abs(single.pressure - double.pressure) / double.pressure_sigma
     assert deviation.max() < 0.1
     assert not single.guarded.any()
@@ -172,7 +172,7 @@ def test_float32_gives_the_same_estimate_within_a_tenth_of_sigma():
 
 def test_the_papers_table_3_can_be_one_set_per_class():
     cars = [with_suspension(CAR, BRANCATI_TABLE_3[c]) for c in "ABCD"]
-    result = estimate_pressure(make_record(samples=600), CAR, cars=cars)
+    result = estimate_by_immuf(make_record(samples=600), CAR, cars=cars)
     assert np.isfinite(result.pressure).all()
     with pytest.raises(InputError, match="2 sets for 4 classes"):
         immuf_params(cars[:2], SPEED, DT)
@@ -180,7 +180,7 @@ def test_the_papers_table_3_can_be_one_set_per_class():
 
 def test_progress_is_told_to_the_end():
     seen = []
-    estimate_pressure(make_record(samples=700), CAR, on_progress=lambda *a: seen.append(a))
+    estimate_by_immuf(make_record(samples=700), CAR, on_progress=lambda *a: seen.append(a))
     assert seen[-1] == (700, 700)
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)
 
@@ -224,10 +224,10 @@ def test_a_second_record_compiles_nothing():
     jax.monitoring.register_event_duration_secs_listener(listen)
     try:
         first = make_record(samples=450, seed=1)
-        estimate_pressure(first, CAR)
+        estimate_by_immuf(first, CAR)
         assert traced
         traced.clear()
-        estimate_pressure(make_record_like(first), CAR)
+        estimate_by_immuf(make_record_like(first), CAR)
         assert not traced
     finally:
         jax.monitoring.unregister_event_duration_listener(listen)
@@ -244,4 +244,4 @@ def test_divergence_is_raised_with_the_time():
     a_u[300] = 1e200
     record = replace(record, a_u=a_u)
     with pytest.raises(DivergenceError, match=r"t = 0\.60"):
-        estimate_pressure(record, CAR)
+        estimate_by_immuf(record, CAR)

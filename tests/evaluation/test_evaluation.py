@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import chi2
 
 from wheelhop.errors import InputError
-from wheelhop.estimators.estimate import PressureEstimate
+from wheelhop.estimators.pressure_estimate import PressureEstimate
 from wheelhop.evaluation.consistency import inside_fraction, mean_band, nees
 from wheelhop.evaluation.errors import error_statistics
 from wheelhop.evaluation.summary import summarise_estimate

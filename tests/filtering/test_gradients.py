@@ -74,7 +74,7 @@ def total(factors):
 
 
 # one fused kernel of this size takes the compiler several times as long as its parts
-UNFUSED = {"xla_disable_hlo_passes": "fusion"}
+UNFUSED = {"xla_disable_hlo_passes": "fusion", "xla_cpu_use_fusion_emitters": True}
 
 
 @pytest.fixture(scope="module")

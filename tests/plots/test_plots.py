@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from wheelhop.estimators.estimate import PressureEstimate
+from wheelhop.estimators.pressure_estimate import PressureEstimate
 from wheelhop.evaluation.errors import error_statistics
 from wheelhop.evaluation.innovations import InnovationReport
 from wheelhop.plots import plot_campaign, plot_estimate, plot_innovations, plot_log, plot_road

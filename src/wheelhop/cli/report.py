@@ -9,8 +9,7 @@ import numpy as np
 from rich.table import Table
 
 from wheelhop.cli.session import console, headed_table, say_files
-from wheelhop.estimators.estimate import PressureEstimate
-from wheelhop.estimators.immuf import Tuning
+from wheelhop.estimators.pressure_estimate import PressureEstimate
 from wheelhop.evaluation.summary import summarise_estimate
 from wheelhop.io.logs import write_log
 from wheelhop.io.results import output_directory, write_figure, write_json, write_table
@@ -25,16 +24,14 @@ def report(
     result: PressureEstimate,
     record: CornerRecord,
     car: QuarterCar,
-    tuning: Tuning,
+    guess: float,
     out: Path,
     made_by: dict[str, Any],
     title: str,
     log_too: bool = False,
 ) -> None:
     """Print the table and what it is worth; write data, summary and figure."""
-    summary = summarise_estimate(
-        result, record, tuning.prior_pressure, float(car.tire.nominal_pressure)
-    )
+    summary = summarise_estimate(result, record, guess, float(car.tire.nominal_pressure))
     console.print(_table(summary["over_time"]))
     for line in _verdict(summary):
         console.print(line)
@@ -62,6 +59,9 @@ def _write_estimate(path: Path, result: PressureEstimate) -> None:
     for k, mode in enumerate(result.modes):
         columns[f"probability_{mode}"] = result.mode_probabilities[:, k]
         units[f"probability_{mode}"] = "1"
+    if result.level is not None:
+        columns |= {"level": result.level, "level_sigma": result.level_sigma}
+        units |= {"level": "m^3/rad", "level_sigma": "1"}
     columns |= {"nis": result.nis, "missing": result.missing.astype(np.int32)}
     write_table(path, columns, units)
 
@@ -69,7 +69,7 @@ def _write_estimate(path: Path, result: PressureEstimate) -> None:
 def _table(rows: list[dict[str, Any]]) -> Table:
     known = "true_pressure_Pa" in rows[0]
     truth = ["true [kPa]"] if known else []
-    estimated = ("estimate [kPa]", "sigma [kPa]", "most probable road class")
+    estimated = ("estimate [kPa]", "sigma [kPa]", "road class")
     table = headed_table("time [s]", *truth, *estimated, title="tyre pressure")
     for column in table.columns:
         column.justify = "right"
@@ -80,9 +80,15 @@ def _table(rows: list[dict[str, Any]]) -> Table:
             *true,
             f"{row['pressure_Pa'] / 1e3:.1f}",
             f"{row['pressure_sigma_Pa'] / 1e3:.1f}",
-            f"{row['road_class']} ({row['road_class_probability']:.0%})",
+            _road(row),
         )
     return table
+
+
+def _road(row: dict[str, Any]) -> str:
+    if "road_class_probability" in row:
+        return f"{row['road_class']} ({row['road_class_probability']:.0%})"
+    return f"{row['road_class']} (Gd = {row['road_level_m3_per_rad']:.2g} m^3/rad)"
 
 
 def _verdict(summary: dict[str, Any]) -> list[str]:

@@ -12,6 +12,7 @@ import typer
 from wheelhop.cli.estimate import road_classes
 from wheelhop.cli.reproduce_brancati import brancati_validation
 from wheelhop.cli.reproduce_options import ReproduceOptions, Reproduction
+from wheelhop.cli.reproduce_stiffness import stiffness
 from wheelhop.cli.session import (
     Precision,
     Seed,
@@ -36,7 +37,7 @@ from wheelhop.studies.brancati.records import drive_classes, stored_drives
 
 @command
 def reproduce(
-    paper: Annotated[str, typer.Argument(help="The paper: brancati.")],
+    paper: Annotated[str, typer.Argument(help="What: brancati or stiffness.")],
     table: Annotated[
         int | None, typer.Option(help="Number of a table; without it the whole validation.")
     ] = None,
@@ -55,17 +56,21 @@ def reproduce(
     seed: Seed = 0,
     precision: Precision = "float64",
 ) -> None:
-    """Compute a paper's validation anew, beside what the paper says.
+    """Compute a paper's validation anew, beside what the paper says, or this package's own.
 
     brancati: roads, identification, tuning, Monte Carlo and every single drive of Brancati &
     Tufano 2022, sections 2 to 5, on the full vehicle; a report says which claims hold. With
     --table 3 the identification alone. Drives of the identification, tunings and Monte Carlo runs
     are kept in OUT, and the same command resumes an interrupted run.
 
+    stiffness: the estimator of this package against the Cramer-Rao bound, on exact classes, on
+    roads of any roughness, over four corners and over an axle pair.
+
     Example: wheelhop reproduce brancati --quick --out brancati-quick
 
     Others: wheelhop reproduce brancati --runs 10000 --out brancati;
-    wheelhop reproduce brancati --table 3 --out table3
+    wheelhop reproduce brancati --table 3 --out table3;
+    wheelhop reproduce stiffness --out stiffness
     """
     chosen = _chosen(paper, table)
     name = f"wheelhop-{paper}" if table is None else f"wheelhop-{paper}-table-{table}"
@@ -113,7 +118,8 @@ def brancati_table_3(options: ReproduceOptions, out: Path) -> None:
 
 
 REPRODUCTIONS: dict[str, dict[int | None, Reproduction]] = {
-    "brancati": {None: brancati_validation, 3: brancati_table_3}
+    "brancati": {None: brancati_validation, 3: brancati_table_3},
+    "stiffness": {None: stiffness},
 }
 """What can be reproduced by paper: tables by number, and under None the whole."""
 

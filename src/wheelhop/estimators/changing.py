@@ -47,11 +47,14 @@ class ChangeTuning:
     road_every: float = 20.0
     road_lasts: float = 0.1
     road_walk: float = 10.0
-    tyre_every: float = 100.0
+    tyre_every: float = 500.0
     tyre_lasts: float = 1.0
-    tyre_walk: float = 0.1
+    tyre_walk: float = 0.15
     class_sigma: float = 0.02
 
+
+EXACT_CLASSES = ChangeTuning(tyre_every=20.0, tyre_walk=0.1)
+"""For a road of exact classes, which no change of the tyre can be mistaken for."""
 
 _RANGES = {
     "road_every": (0.1, 1e9, "s"),

@@ -44,6 +44,9 @@ from wheelhop.vehicle.tire import stiffness_from_pressure
 WHEELS = ("FL", "FR", "RL", "RR")
 """The wheels, in the order of every array of four."""
 
+VEHICLE_TUNING = StiffnessTuning(stiffness_walk=0.008)
+"""Default tuning: four corners settle sooner than one, and may follow a leak more closely."""
+
 
 class VehicleTheta(NamedTuple):
     """What is estimated of a vehicle.
@@ -99,7 +102,7 @@ def four_corner_params(
     cars: Sequence[QuarterCar],
     speed: float,
     dt: float,
-    tuning: StiffnessTuning = StiffnessTuning(),
+    tuning: StiffnessTuning = VEHICLE_TUNING,
 ) -> SensitivityParams:
     """Parameters of `four_corner_filter`.
 
@@ -121,7 +124,7 @@ def four_corner_params(
 
 
 def four_corner_prior(
-    params: SensitivityParams, tuning: StiffnessTuning = StiffnessTuning()
+    params: SensitivityParams, tuning: StiffnessTuning = VEHICLE_TUNING
 ) -> SensitivityPrior:
     """Belief before the first sample: moving a little, tyres and roughness as in the tuning."""
     inner = params.inner
@@ -130,7 +133,8 @@ def four_corner_prior(
     sigma = [prior_ln_sigma(tuning, tire) for tire in tires]
     zero = jnp.zeros_like(mean[0])
     theta = independent(
-        VehicleTheta(*mean, zero), VehicleTheta(*sigma, jnp.asarray(tuning.prior_level_sigma))
+        VehicleTheta._make([*mean, zero]),
+        VehicleTheta._make([*sigma, jnp.asarray(tuning.prior_level_sigma)]),
     )
     theta = jax.tree.map(lambda a: jnp.asarray(a, float), theta)
     local = CornerTheta(jnp.stack(mean), jnp.broadcast_to(zero, (len(WHEELS),)))
@@ -141,15 +145,13 @@ def changing_four_corner_params(
     cars: Sequence[QuarterCar],
     speed: float,
     dt: float,
-    tuning: StiffnessTuning = StiffnessTuning(),
+    tuning: StiffnessTuning = VEHICLE_TUNING,
     changes: ChangeTuning = ChangeTuning(),
 ) -> InteractingParams:
     """Parameters of `changing_four_corner_filter`; see `four_corner_params`."""
     modes = changing_modes(dt, validate_tuning(tuning), changes)
     members = [
-        four_corner_params(
-            cars, speed, dt, replace(tuning, stiffness_walk=stiff, level_walk=rough)
-        )
+        four_corner_params(cars, speed, dt, replace(tuning, stiffness_walk=stiff, level_walk=rough))
         for stiff, rough in zip(modes.stiffness_walks, modes.level_walks, strict=True)
     ]
     return InteractingParams(
@@ -160,7 +162,7 @@ def changing_four_corner_params(
 
 
 def changing_four_corner_prior(
-    params: InteractingParams, tuning: StiffnessTuning = StiffnessTuning()
+    params: InteractingParams, tuning: StiffnessTuning = VEHICLE_TUNING
 ) -> SensitivityPrior:
     """Belief before the first sample; see `four_corner_prior`."""
     return four_corner_prior(jax.tree.map(lambda a: a[0], params.members), tuning)

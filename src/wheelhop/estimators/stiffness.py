@@ -67,7 +67,7 @@ class StiffnessTuning:
     prior_pressure_sigma: float = 40e3
     prior_level: float = MIDDLE_LEVEL
     prior_level_sigma: float = 1.6
-    stiffness_walk: float = 0.003
+    stiffness_walk: float = 0.005
     level_walk: float = 0.0
     waviness_sigma: float = 0.25
     sprung_mass_sigma: float = 0.1
@@ -82,7 +82,7 @@ _RANGES = {
     "prior_level": (1e-9, 1e-1, "m^3/rad"),
     "prior_level_sigma": (0.0, 10.0, "(no unit)"),
     "stiffness_walk": (0.0, 10.0, "1/sqrt(s)"),
-    "level_walk": (0.0, 10.0, "1/sqrt(s)"),
+    "level_walk": (0.0, 1e3, "1/sqrt(s)"),
     "waviness_sigma": (0.0, 1.0, "(no unit)"),
     "sprung_mass_sigma": (0.0, 1.0, "(no unit)"),
     "damping_sigma": (0.0, 1.0, "(no unit)"),
@@ -126,7 +126,7 @@ def theta_type(free: tuple[str, ...] = ()) -> Any:
             raise InputError("free", f"{name!r} in {free}", f"Use some of {EXTRA}, each once.")
     if not free:
         return CornerTheta
-    return NamedTuple("CornerTheta", [(n, Any) for n in (*CornerTheta._fields, *free)])  # type: ignore[misc]
+    return NamedTuple("CornerTheta", [(n, Any) for n in (*CornerTheta._fields, *free)])
 
 
 def bind_theta(inner: RoadModelParams, theta: Any) -> RoadModelParams:
@@ -170,7 +170,7 @@ def stiffness_filter(
     """Recursive maximum likelihood over one corner.
 
     On quarter cars of continuous roughness its error of ln k_t stays within 1.1 of the
-    Cramer-Rao bound from 2 s on, and its variance is that of its errors; the README has the figures.
+    Cramer-Rao bound from 2 s on, and its variance is that of its errors (see the README).
 
     Args:
         dt: sampling interval [s].

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from wheelhop.estimators.estimate import PressureEstimate
+from wheelhop.estimators.pressure_estimate import PressureEstimate
 from wheelhop.evaluation.consistency import inside_fraction
 from wheelhop.vehicle.record import CornerRecord
+from wheelhop.vehicle.road import class_of_level
 
 SETTLING_TIME = 2.0
 """Time [s] after which errors are judged (a quarter of a shorter record)."""
@@ -52,8 +53,7 @@ def summarise_estimate(
         "final_pressure_Pa": float(estimate.pressure[-1]),
         "final_pressure_sigma_Pa": float(estimate.pressure_sigma[-1]),
         "final_stiffness_N_per_m": float(estimate.stiffness[-1]),
-        "mean_road_class_probability": dict(zip(estimate.modes, share.tolist(), strict=True)),
-        "most_probable_road_class": estimate.modes[int(np.argmax(share))],
+        **_road(estimate, share),
         "mean_nis": nis,
         "mean_nis_of_a_single_filter_that_fits": 2.0,
     }
@@ -64,13 +64,29 @@ def summarise_estimate(
     return summary
 
 
+def _road(estimate: PressureEstimate, share: np.ndarray) -> dict[str, Any]:
+    """The road: its level at the end where it is estimated, else the classes' probabilities."""
+    shares = dict(zip(estimate.modes, share.tolist(), strict=True))
+    if estimate.level is None or estimate.level_sigma is None:
+        return {
+            "mean_road_class_probability": shares,
+            "most_probable_road_class": estimate.modes[int(np.argmax(share))],
+        }
+    return {
+        "mean_mode_probability": shares,
+        "final_road_level_m3_per_rad": float(estimate.level[-1]),
+        "final_road_level_sigma_of_log": float(estimate.level_sigma[-1]),
+        "final_road_class": class_of_level(float(estimate.level[-1])),
+    }
+
+
 def _doubts(summary: dict[str, Any], nominal_pressure: float) -> list[str]:
     """Reasons not to use the estimate, in plain words; none where nothing speaks against it."""
     doubts = []
     if summary["mean_nis"] > WORST_NIS:
         doubts.append(
             "the innovations are larger than any member expects: the road is rougher than the "
-            "classes, or the vehicle's parameters are wrong"
+            "filter allows, or the vehicle's parameters are wrong"
         )
     low, high = (factor * nominal_pressure for factor in PLAUSIBLE_PRESSURE)
     final = summary["final_pressure_Pa"]
@@ -88,14 +104,18 @@ def _rows(estimate: PressureEstimate, record: CornerRecord) -> list[dict[str, An
     times = np.unique(np.linspace(0, len(estimate.t) - 1, _ROWS + 1).round().astype(int)[1:])
     rows = []
     for k in times:
-        share = estimate.mode_probabilities[max(0, k + 1 - window) : k + 1].mean(axis=0)
-        row = {
+        row: dict[str, Any] = {
             "t_s": float(estimate.t[k]),
             "pressure_Pa": float(estimate.pressure[k]),
             "pressure_sigma_Pa": float(estimate.pressure_sigma[k]),
-            "road_class": estimate.modes[int(np.argmax(share))],
-            "road_class_probability": float(share.max()),
         }
+        if estimate.level is None:
+            share = estimate.mode_probabilities[max(0, k + 1 - window) : k + 1].mean(axis=0)
+            row["road_class"] = estimate.modes[int(np.argmax(share))]
+            row["road_class_probability"] = float(share.max())
+        else:
+            row["road_class"] = class_of_level(float(estimate.level[k]))
+            row["road_level_m3_per_rad"] = float(estimate.level[k])
         if record.pressure is not None:
             row["true_pressure_Pa"] = float(record.pressure[k])
         rows.append(row)

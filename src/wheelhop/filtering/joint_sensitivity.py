@@ -60,17 +60,17 @@ def joint_sensitivity(
     """
     if not limit > 0:
         raise ValueError(f"limit={limit}: theta could not move; give a positive one, as 2")
-    places = tuple(tuple(p) for p in places)
+    fixed = tuple(tuple(p) for p in places)
     size = len(getattr(local, "_fields", ()))
-    if not places or any(len(p) != size or len(set(p)) != size for p in places):
+    if not fixed or any(len(p) != size or len(set(p)) != size for p in fixed):
         raise ValueError(
-            f"places={places}: give every filter {size} different components, one for each entry "
+            f"places={fixed}: give every filter {size} different components, one for each entry "
             f"of {local.__name__}"
         )
 
     def spread(theta: Named) -> Named:
         """Theta of every filter, entries [n, ...]."""
-        return local(*(jnp.stack([theta[p[j]] for p in places]) for j in range(size)))
+        return local(*(jnp.stack([theta[p[j]] for p in fixed]) for j in range(size)))
 
     def init(prior: Any, params: SensitivityParams) -> SensitivityState:
         if not isinstance(prior, SensitivityPrior):
@@ -78,7 +78,7 @@ def joint_sensitivity(
                 f"prior is a {type(prior).__name__}; give SensitivityPrior(state, theta)"
             )
         walk_cov(params.walk, prior.theta.mean)
-        _refuse_misfit(places, prior.theta.mean)
+        _refuse_misfit(fixed, prior.theta.mean)
 
         def one(state: Any, theta: Named, inner: Any) -> tuple[Any, Any]:
             def start(at: Named) -> Any:
@@ -103,7 +103,9 @@ def joint_sensitivity(
                 out_axes=(None, 0),
             )(tangents, units(theta))
             slopes, restarted = restart(new, slopes, jnp.ndim(info.log_likelihood))
-            columns = information_columns(info.innovation_cov, slope.innovation, slope.innovation_cov)
+            columns = information_columns(
+                info.innovation_cov, slope.innovation, slope.innovation_cov
+            )
             return new, slopes, info, slope.log_likelihood, jnp.stack(columns), restarted
 
         inner, tangents, info, score, columns, restarted = jax.vmap(one)(
@@ -111,7 +113,7 @@ def joint_sensitivity(
         )
         predicted = smallmat.add(state.theta.cov, walk_cov(params.walk, state.theta.mean))
         theta, finite, guarded = assemble(
-            Gaussian(state.theta.mean, predicted), score, columns, places, limit
+            Gaussian(state.theta.mean, predicted), score, columns, fixed, limit
         )
         report = side_by_side(info)
         flags = report.flags._replace(
@@ -171,7 +173,10 @@ def assemble(
 def side_by_side(info: Info) -> Info:
     """One report of the n filters whose reports have a leading axis [n]."""
     entries, n = len(info.innovation), info.innovation[0].shape[0]
-    innovation = _flat_type(type(info.innovation), n)(*(x[i] for i in range(n) for x in info.innovation))
+    kind: Any = type(info.innovation)
+    innovation = _flat_type(kind, n)(
+        *(x[i] for i in range(n) for x in info.innovation)
+    )
     zero = jnp.zeros_like(info.innovation[0][0])
     cov = []
     for i in range(n):
@@ -195,7 +200,9 @@ def side_by_side(info: Info) -> Info:
 
 @lru_cache(maxsize=32)
 def _flat_type(kind: Any, n: int) -> Any:
-    return namedtuple(f"{kind.__name__}s", [f"{name}_{i}" for i in range(n) for name in kind._fields])
+    return namedtuple(
+        f"{kind.__name__}s", [f"{name}_{i}" for i in range(n) for name in kind._fields]
+    )
 
 
 def _refuse_misfit(places: tuple[tuple[int, ...], ...], theta: Named) -> None:

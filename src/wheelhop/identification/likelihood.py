@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from wheelhop.estimators.road_model import RoadModelParams, corner_on_road, prior
 from wheelhop.filtering import Filter, extended, unscented
 from wheelhop.filtering.sensitivity import information_columns
 from wheelhop.identification.parameters import SearchSpace
-from wheelhop.estimators.road_model import RoadModelParams, corner_on_road, prior
 from wheelhop.staging import staged_jit
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.quarter_car import Accelerations

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from wheelhop.errors import InputError
+from wheelhop.estimators.road_model import LONGEST_STEP
 from wheelhop.identification.drives import SHORTEST, checked_names
 from wheelhop.identification.likelihood import Course
-from wheelhop.estimators.road_model import LONGEST_STEP
 from wheelhop.vehicle.record import CornerRecord
 
 SETTLING = 0.5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,20 @@ def read_log(
     return checked_record(CornerRecord(**columns))
 
 
+def corners_of_log(path: Path) -> tuple[str, ...]:
+    """Corners that a log holds by name (`a_s_FL` and `a_u_FL`); none for a log of one corner.
+
+    Raises:
+        InputError: if the file cannot be read as a table.
+    """
+    columns = read_table(Path(path)).columns
+    return () if "a_s" in columns else _corners(columns)
+
+
+def _corners(columns: Any) -> tuple[str, ...]:
+    return tuple(n[4:] for n in columns if n.startswith("a_s_") and f"a_u_{n[4:]}" in columns)
+
+
 def write_log(path: Path, record: CornerRecord) -> Path:
     """Write a record as a log that `read_log` reads, with its units declared."""
     columns: dict[str, Any] = {"t": record.t, "a_s": record.a_s, "a_u": record.a_u, "v": record.v}
@@ -69,10 +84,24 @@ def write_log(path: Path, record: CornerRecord) -> Path:
     return write_table(path, columns, LOG_UNITS)
 
 
+def write_vehicle_records(
+    path: Path, records: Sequence[CornerRecord], corners: Sequence[str]
+) -> Path:
+    """Write records of several corners on one time grid as one log; `read_log` reads a corner."""
+    columns: dict[str, Any] = {"t": records[0].t, "v": records[0].v}
+    units = {"t": LOG_UNITS["t"], "v": LOG_UNITS["v"]}
+    for record, corner in zip(records, corners, strict=True):
+        for name in ("a_s", "a_u", *OPTIONAL):
+            if getattr(record, name) is not None:
+                columns[f"{name}_{corner}"] = getattr(record, name)
+                units[f"{name}_{corner}"] = LOG_UNITS[name]
+    return write_table(path, columns, units)
+
+
 def _columns_of_corner(table: Table, corner: str | None, names: dict[str, str]) -> dict[str, str]:
     """Names of the columns of the chosen corner; none where the log holds a single one."""
     present = table.columns
-    corners = [n[4:] for n in present if n.startswith("a_s_") and f"a_u_{n[4:]}" in present]
+    corners = _corners(present)
     if corner is None:
         if corners and "a_s" not in {*present, *names}:
             raise InputError(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from wheelhop.estimators.estimate import PressureEstimate
+from wheelhop.estimators.pressure_estimate import PressureEstimate
 from wheelhop.plots.style import (
     ALERT,
     BAND,
@@ -19,6 +19,7 @@ from wheelhop.plots.style import (
     new_figure,
 )
 from wheelhop.vehicle.record import CornerRecord
+from wheelhop.vehicle.road import class_level
 
 _CONSISTENCY_WINDOW = 1.0
 _PROBABILITY_WINDOW = 0.25
@@ -55,6 +56,11 @@ def plot_estimate(
 
     dt = float(np.median(np.diff(t)))
     window = _samples(_PROBABILITY_WINDOW, dt, len(t))
+    if estimate.level is not None and estimate.level_sigma is not None:
+        _plot_level(middle, t, estimate.level, estimate.level_sigma)
+        _plot_nis(bottom, estimate)
+        bottom.set_xlabel("time [s]")
+        return figure
     share = np.stack([moving_average(p, window) for p in estimate.mode_probabilities.T])
     middle.stackplot(
         t,
@@ -70,6 +76,33 @@ def plot_estimate(
     _plot_nis(bottom, estimate)
     bottom.set_xlabel("time [s]")
     return figure
+
+
+def _plot_level(ax: Any, t: np.ndarray, level: np.ndarray, sigma: np.ndarray) -> None:
+    """Road level with its stated sigma over the levels of the ISO 8608 classes."""
+    low, high = level * np.exp(-2 * sigma), level * np.exp(2 * sigma)
+    ax.fill_between(t, low, high, color=BAND, alpha=0.5, linewidth=0, label="stated 2 sigma")
+    ax.plot(t, level, color=ESTIMATE, linewidth=1.5, label="estimate")
+    ax.set_yscale("log")
+    settled = slice(len(t) // 10, None)
+    bottom, top = 0.4 * float(low[settled].min()), 2.5 * float(high[settled].max())
+    for name, colour in CLASS_COLOURS.items():
+        centre = class_level(name)
+        if bottom < centre < top:
+            ax.axhline(centre, color=colour, linestyle="--", linewidth=1)
+            ax.annotate(
+                f"class {name}",
+                (1.0, centre),
+                xycoords=("axes fraction", "data"),
+                xytext=(-4, 2),
+                textcoords="offset points",
+                ha="right",
+                fontsize=8,
+                color=colour,
+            )
+    ax.set_ylim(bottom, top)
+    ax.set_ylabel("road level\n$G_d$(1 rad/m) [m³/rad]")
+    legend(ax, ncols=2, loc="upper left")
 
 
 def _plot_nis(ax: Any, estimate: PressureEstimate) -> None:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import jax
 
-from wheelhop.estimators.estimate import PressureEstimate, estimate_pressure
+from wheelhop.estimators.estimate_immuf import estimate_by_immuf
 from wheelhop.estimators.immuf import Tuning
+from wheelhop.estimators.pressure_estimate import PressureEstimate
 from wheelhop.vehicle.parameters import QuarterCar, brancati_suv
 from wheelhop.vehicle.record import CornerRecord, checked_record
 from wheelhop.vehicle.road import class_level
@@ -54,4 +55,4 @@ def run_first_light(
     """Simulate the drive and estimate the pressure from its two accelerometers."""
     car = brancati_suv()
     record = simulate_first_light(settings, car)
-    return record, estimate_pressure(record, car, tuning=tuning, on_progress=on_progress)
+    return record, estimate_by_immuf(record, car, tuning=tuning, on_progress=on_progress)

@@ -1,0 +1,1 @@
+"""Tyre stiffness by recursive maximum likelihood: what it reaches, against the bound."""
