@@ -172,15 +172,12 @@ def numpy_rml(ys, theta, sigma, walk, h=1e-5):
         for k in range(2):
             slopes = []
             for (dm, dp), unit in zip(tangents[k], np.eye(3), strict=True):
-
-                def at(side, dm=dm, dp=dp, unit=unit, k=k):
-                    mean, cov = states[k]
-                    shifted = theta + side * unit
-                    return numpy_step(
-                        k, mean + side * dm, cov + side * dp, shifted[k], shifted[2], y[k]
-                    )
-
-                slopes.append([(a - b) / (2 * h) for a, b in zip(at(h), at(-h), strict=True)])
+                sides = []
+                for step in (h, -h):
+                    shifted = theta + step * unit
+                    at = (states[k][0] + step * dm, states[k][1] + step * dp)
+                    sides.append(numpy_step(k, *at, shifted[k], shifted[2], y[k]))
+                slopes.append([(a - b) / (2 * h) for a, b in zip(*sides, strict=True)])
             *states[k], r, s = numpy_step(k, *states[k], theta[k], theta[2], y[k])
             tangents[k] = [(d[0], d[1]) for d in slopes]
             inverse = np.linalg.inv(s)
@@ -352,8 +349,8 @@ def test_single_precision_follows_double(float32):
     assert {a.dtype.name for a in jax.tree.leaves(found.state)} == {"float32"}
     thetas, sigmas = numpy_rml(records(0), START, np.diag(SD**2), WALK)
     mean, cov = wf.dense(found.state.theta)
-    np.testing.assert_allclose(mean, thetas, atol=1e-3 * SD.min())
-    np.testing.assert_allclose(cov, sigmas, atol=1e-3 * SD.min() ** 2)
+    assert np.all(np.abs(np.asarray(mean) - thetas) < 1e-4 * SD)
+    assert np.all(np.abs(np.asarray(cov) - sigmas) < 1e-4 * np.outer(SD, SD))
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,10 @@ from wheelhop.studies.stiffness.frame import QUICK, StiffnessSettings
 from wheelhop.studies.stiffness.report import write_stiffness_study
 from wheelhop.studies.stiffness.study import stiffness_study, validate_settings
 
+# rough seconds on two cores: compiling and bounds, and a run of every part
+_FIXED = 180.0
+_PER_RUN = 2.0
+
 _OTHERS = ("classes", "duration", "starts", "measured_road")
 
 
@@ -39,7 +43,9 @@ def stiffness(options: ReproduceOptions, out: Path) -> None:
     with computing(options.precision):
         directory = output_directory(out)
         console.print(
-            "Finished runs are kept: interrupted, the same command goes on.", soft_wrap=True
+            f"{settings.runs} runs of everything take about {expected_minutes(settings):.0f} "
+            "minutes on two cores; interrupted, the same command goes on.",
+            soft_wrap=True,
         )
         study = stiffness_study(settings, directory / "kept", progress_bar)
         made_by = provenance(
@@ -68,6 +74,11 @@ def settings_of(options: ReproduceOptions) -> StiffnessSettings:
     known: dict[str, Any] = {"runs": options.runs, "noise": options.noise}
     changes = {name: value for name, value in known.items() if value is not None}
     return replace(settings, seed=options.seed, **changes)
+
+
+def expected_minutes(settings: StiffnessSettings) -> float:
+    """About how long it takes on two cores."""
+    return (_FIXED + _PER_RUN * settings.runs) / 60.0
 
 
 def print_findings(findings: Sequence[Finding]) -> None:

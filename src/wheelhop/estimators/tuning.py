@@ -116,7 +116,9 @@ def tune(
     first = checked_tuning(candidate, start)
     held = {name: as_float(first[name]) for name in settings.held}
     free = {name: jnp.log(as_float(v)) for name, v in first.items() if name not in held}
-    _, slope = objective_of(candidate, records, stiffness, keys, settings, held)
+    value, slope = objective_of(candidate, records, stiffness, keys, settings, held)
+    if not free:
+        return _as_it_is(candidate, float(value(free)), first, held, test, settings)
 
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         adam = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(1.0, b2=0.98))
@@ -154,6 +156,23 @@ def tune(
         tested, untuned = float(value(best)), float(value(free))
     found = {name: float(np.exp(best[name])) if name in best else first[name] for name in first}
     return Tuned(found, first, np.asarray(history), best_loss, tested, untuned, settings)
+
+
+def _as_it_is(
+    candidate: Candidate,
+    train: float,
+    first: dict[str, float],
+    held: Mapping[str, Any],
+    test: tuple[Records, Any, Any] | None,
+    settings: TuningSettings,
+) -> Tuned:
+    """A candidate of which nothing is tuned."""
+    if not np.isfinite(train):
+        raise DivergenceError(f"{candidate.name} leaves the finite numbers on the training runs")
+    tested = np.nan
+    if test is not None:
+        tested = float(objective_of(candidate, *test, settings, held)[0]({}))
+    return Tuned(first, first, np.array([train]), train, tested, tested, settings)
 
 
 def objective_of(

@@ -24,6 +24,7 @@ from wheelhop.estimators.candidates import (
     class_a_corrected,
     class_a_printed,
 )
+from wheelhop.estimators.likelihood_candidate import maximum_likelihood
 from wheelhop.estimators.tuning import Tuned, TuningSettings, tune
 from wheelhop.studies.brancati.plant import RATE, Driven
 from wheelhop.studies.brancati.tuning_store import keep_tuning, kept_tuning, tuning_key
@@ -60,6 +61,11 @@ CONTENDERS = (
     ),
     Contender(class_a_printed, "its first member by itself", parent=0),
     Contender(class_a_corrected, "its first member by itself", parent=1),
+    Contender(
+        maximum_likelihood,
+        "four states conditioned on ln k_t and the road's level, which climb the likelihood; the "
+        "modes are what changes, not road classes; nothing is tuned",
+    ),
 )
 """Every filter of the comparison."""
 

@@ -7,16 +7,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wheelhop.evaluation.bounds import bound, deviation, pooled, spectral_information
+from wheelhop.evaluation.bounds import (
+    bound,
+    deviation,
+    pooled,
+    pressure_deviation,
+    spectral_information,
+)
 from wheelhop.evaluation.spectra import IsoRoad, SampledSpectrum, corner_spectrum
 from wheelhop.studies.stiffness.frame import RATE
 from wheelhop.studies.stiffness.full_vehicle import (
-    TUNING,
     VehicleStudy,
     pressure_error,
     true_ln_stiffness,
 )
 from wheelhop.studies.stiffness.vehicle_cases import DISTURBANCES, NOMINAL
+from wheelhop.studies.stiffness.vehicle_estimators import TUNING
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.road import class_level
 
@@ -109,5 +115,5 @@ def band_bound(
     prior = {"level": TUNING.prior_level_sigma, "waviness": TUNING.waviness_sigma}
     prior |= {f"c_s {name}": TUNING.damping_sigma for name in parts}
     at = np.array([time * tracks / len(parts)])
-    relative = float(deviation(bound(pooled(parts), at, prior), "k_t FL")[0])
-    return float(pressure_error(true_ln_stiffness(np.array(pressure)) + relative, pressure))
+    relative = deviation(bound(pooled(parts), at, prior), "k_t FL")
+    return float(pressure_deviation(relative, cars[0], pressure)[0] / pressure)

@@ -82,8 +82,9 @@ def draw_continuous(result: Continuous) -> Figure:
     runs = next(iter(result.tracks.values())).error.shape[0]
     low, high = mean_band(1, runs)
     nees.axhspan(low, high, color=BAND, alpha=0.7, linewidth=0, label="95 % band of NEES")
-    errors.set(yscale="log", ylim=(0.8 * bound[-1], 30.0))
-    nees.set(yscale="log", ylim=(0.3, 300.0))
+    errors.set(yscale="log", ylim=(0.8 * bound[-1], 20.0))
+    largest = max(float(nees_over_time(t).max()) for t in result.tracks.values())
+    nees.set(yscale="log", ylim=(0.3, min(300.0, max(3.0, 1.5 * largest))))
     for ax in (errors, nees):
         log_time(ax, 0.2, result.time[-1])
     plain_log(errors.yaxis, PERCENT)

@@ -90,7 +90,7 @@ def draw_changes(result: ExactClasses) -> Figure:
         for low, high in ((0.5, CHANGE), (CHANGE + 0.5, result.time[-1])):
             ax.plot([low, high], [target] * 2, color=ALERT, linewidth=2.0, label="target, 15 kPa")
         ax.axvline(CHANGE, color=TRUTH, linewidth=0.8, linestyle=":")
-        ax.set(ylim=(0.0, 40.0), xlim=(0.0, result.time[-1]))
+        ax.set(ylim=(0.0, 25.0), xlim=(0.0, result.time[-1]))
         ax.set_title(f"road from class {name}", loc="left", fontsize=10)
         ax.set_xlabel("time [s]")
     axes[0, 0].set_ylabel("rms error of pressure [kPa]")

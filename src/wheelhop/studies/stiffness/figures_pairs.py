@@ -56,7 +56,7 @@ def draw_pairs(result: AxlePairs) -> Figure:
     low, high = mean_band(2, len(next(iter(result.tracks.values())).error))
     nees.axhspan(low / 2, high / 2, color=BAND, alpha=0.7, linewidth=0, label="95 % band of NEES")
     largest = max(pair_nees(t).max() for t in result.tracks.values()) / 2
-    errors.set(yscale="log", ylim=(1.0, 30.0))
+    errors.set(yscale="log", ylim=(1.0, 15.0))
     nees.set(yscale="log", ylim=(0.3, max(3.0, 1.3 * float(largest))))
     for ax in (errors, nees):
         log_time(ax, 0.2, result.time[-1])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from wheelhop.io.roads import read_road
 from wheelhop.studies.stiffness.frame import PRESSURES, StiffnessSettings
 from wheelhop.studies.stiffness.vehicle_drives import Road, VehicleDrive
 from wheelhop.vehicle.parameters import BRANCATI_TABLE_1
-from wheelhop.vehicle.road import Profile, class_level
+from wheelhop.vehicle.road import class_level
 
 KNOWN = 230e3
 """Pressure [Pa] of all tyres while the estimator is calibrated."""
@@ -21,16 +21,16 @@ KNOWN = 230e3
 SYNTHETIC, LIDAR, BLOCK, COURSE = "synthetic", "LIDAR road", "Belgian block", "ride course"
 
 _SHAPES = (
-    ("A", 0, 2.0, 70),
-    ("B", 0, 2.0, 60),
-    ("C", 2, 2.0, 50),
-    ("B", 1, 1.6, 60),
-    ("B", -2, 1.8, 75),
-    ("A", 3, 2.2, 70),
-    ("B", -1, 2.4, 55),
-    ("B", 2, 2.7, 60),
-    ("C", -3, 1.6, 45),
-    ("C", -1, 2.7, 50),
+    ("A", 0.0, 2.0, 70),
+    ("B", 0.0, 2.0, 60),
+    ("C", 2.0, 2.0, 50),
+    ("B", 1.0, 1.6, 60),
+    ("B", -2.0, 1.8, 75),
+    ("A", 3.0, 2.2, 70),
+    ("B", -1.0, 2.4, 55),
+    ("B", 2.0, 2.7, 60),
+    ("C", -3.0, 1.6, 45),
+    ("C", -1.0, 2.7, 50),
 )
 """Class, level off its centre [dB], waviness, speed [km/h]."""
 
@@ -109,13 +109,7 @@ def data_directory() -> Path | None:
 
 def _measured(name: str, file: Path, columns: tuple[str | None, ...]) -> Road:
     profiles = [read_road(file, column)[0] for column in columns]
-    left, right = profiles[0], profiles[-1]
-    if name == LIDAR:
-        # one track was measured: the right wheels roll along it half its length further on
-        there = left.elevation
-        right = Profile(left.spacing, np.concatenate([there, there[-2:0:-1]]))
-        right = replace(right, elevation=np.roll(right.elevation, -len(there) // 2))
-    return Road(name, tracks=(left, right))
+    return Road(name, tracks=(profiles[0], profiles[-1]))
 
 
 NOMINAL = "as identified"
@@ -133,18 +127,21 @@ DISTURBANCES: dict[str, dict[str, float | bool]] = {
 """What the vehicle is other than the estimator thinks; noise is relative."""
 
 
-def to_disturb(settings: StiffnessSettings) -> list[VehicleDrive]:
-    """Every disturbance on a road for the calibration, then on another one for the trial."""
-    two = (
-        VehicleDrive(200, random_road("B", 1.0), 60 / 3.6, (KNOWN,) * 4, noise=settings.noise),
-        VehicleDrive(
-            201, random_road("B", -1.0, 2.3), 70 / 3.6, (190e3, 230e3, 200e3, 150e3),
-            noise=settings.noise,
-        ),
+def to_disturb(settings: StiffnessSettings) -> tuple[list[VehicleDrive], list[VehicleDrive]]:
+    """Every disturbance on a road for the calibration, and on another one for the trial."""
+    calibration = VehicleDrive(
+        200, random_road("B", 1.0), 60 / 3.6, (KNOWN,) * 4, noise=settings.noise
     )
+    pressures = (190e3, 230e3, 200e3, 150e3)
+    trial = VehicleDrive(
+        201, random_road("B", -1.0, 2.3), 70 / 3.6, pressures, noise=settings.noise
+    )
+    return _disturbed(calibration), _disturbed(trial)
+
+
+def _disturbed(base: VehicleDrive) -> list[VehicleDrive]:
     found = []
-    for base in two:
-        for changes in DISTURBANCES.values():
-            noise = base.noise * float(changes.get("noise", 1.0))
-            found.append(replace(base, **{**changes, "noise": noise}))  # type: ignore[arg-type]
+    for changes in DISTURBANCES.values():
+        values: dict[str, Any] = {**changes, "noise": base.noise * changes.get("noise", 1.0)}
+        found.append(replace(base, **values))
     return found

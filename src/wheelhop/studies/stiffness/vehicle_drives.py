@@ -214,26 +214,34 @@ def _noise(drive: VehicleDrive, seed: int, samples: int) -> np.ndarray:
 def _surface(drive: VehicleDrive, x: np.ndarray, seed: int) -> Any:
     # a patch of millimetres keeps the shapes of the compiled fleet
     envelope = Envelope("moving_average", HALF_LENGTHS if drive.patch else _POINT)
-    return surface_from_tracks(_tracks(drive, x, seed), SPACING, START, envelope)
+    return surface_from_tracks(road_tracks(drive, x, seed), SPACING, START, envelope)
 
 
-def _tracks(drive: VehicleDrive, x: np.ndarray, seed: int) -> Any:
-    """Elevation under the four wheels [m] at x [m]."""
+def road_tracks(drive: VehicleDrive, x: np.ndarray, seed: int) -> Any:
+    """Elevation under the four wheels [m], [4, points].
+
+    Args:
+        drive: whose road, and whose place on it.
+        x: of the points [m], every `SPACING` from `START` on.
+        seed: of random roads.
+    """
     road = drive.road
     if road.tracks is None:
         key = jax.random.fold_in(jax.random.key(seed), drive.number)
         z = draw_tracks(key, _prepared(len(x), road.waviness), road.level)[:, : len(x)]
         return with_lead_in(z, jnp.asarray(x, z.dtype))
-    # drives over one measured road begin at different places of it
-    left, right = (_from(p, _FARTHER * drive.number) for p in road.tracks)
-    return jnp.asarray(measured_tracks(left, right, float(x[-1]), reflect=True))
+    # drives over one measured road begin at places of their own
+    length = float(x[-1])
+    left, right = (_from(p, _FARTHER * drive.number, length) for p in road.tracks)
+    return jnp.asarray(measured_tracks(left, right, length))
 
 
-def _from(profile: Profile, shift: float) -> Profile:
-    """The road there and back without end, cut where a shift [m] ends."""
+def _from(profile: Profile, shift: float, length: float) -> Profile:
+    """The road from a shift [m] on, there and back as often as a length [m] needs."""
     there = profile.elevation
     round_trip = np.concatenate([there, there[-2:0:-1]])
-    return replace(profile, elevation=np.roll(round_trip, -round(shift / profile.spacing)))
+    rolled = np.roll(round_trip, -round(shift / profile.spacing))
+    return replace(profile, elevation=np.resize(rolled, round(length / profile.spacing) + 2))
 
 
 @lru_cache(maxsize=16)
