@@ -94,7 +94,7 @@ class Candidate:
     knobs: Mapping[str, Knob]
     filter: Filter
     setting: Any
-    prior: Callable[[Tuning, Any, Any], Gaussian]
+    prior: Callable[[Tuning, Any, Any], Any]
     params: Callable[[Tuning, Any], Any]
     inputs: Callable[[Any, Any, Any], Any]
     bind: Bind

@@ -112,8 +112,13 @@ def changing_modes(
         tuning: of the members.
         changes: how roads and tyres change.
         classes: ISO 8608 classes, of which the road has one exactly; none: a road of any level.
+
+    Raises:
+        InputError: if a figure is out of range, or a change shorter than the sampling interval.
     """
     validate_changes(changes)
+    for name in ("tyre_lasts",) if classes else ("road_lasts", "tyre_lasts"):
+        require_in_range(f"changes.{name}", getattr(changes, name), dt, _RANGES[name][1], "s")
     if classes:
         return _class_modes(dt, tuning, changes, tuple(classes))
     road, tyre = dt / changes.road_every, dt / changes.tyre_every

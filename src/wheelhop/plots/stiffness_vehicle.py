@@ -9,12 +9,14 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from wheelhop.plots.panels import legend_below, panel_grid
+from wheelhop.plots.panels import legend_below, note_cut, panel_grid
 from wheelhop.plots.style import ALERT, BAND, ESTIMATE, MUTED, TRUTH
 
 _CASES = (ESTIMATE, "#ef6c00", "#2e7d32", "#8e24aa")
 _ROWS = (MUTED, "#ef6c00", "#74b3e0", ESTIMATE)
 _MARKERS = ("x", "s", "^", "o")
+_LIMITS = (-40.0, 40.0)
+_SETTLED = 20.0
 
 
 def plot_vehicle_errors(
@@ -54,7 +56,10 @@ def plot_vehicle_errors(
         if many:
             rms = 100 * np.sqrt(np.mean(error[rows] ** 2, axis=(0, 2)))
             ax.plot(time, rms, color=ESTIMATE, linewidth=1.8, label=f"rms of {len(rows)} roads")
-        ax.set_ylim(-40, 40)
+        ax.set_ylim(*_LIMITS)
+        settled = time >= min(_SETTLED, float(time[-1]))
+        told = {"" if many else names[r].split(", ", 1)[-1]: error[r] for r in rows}
+        note_cut(ax, {n: 100 * e[settled] for n, e in told.items()}, _LIMITS, "%")
         ax.set_title(kind, loc="left", fontsize=10)
         ax.legend(fontsize=8, loc="upper right", framealpha=0.85)
     for ax in axes[-1]:

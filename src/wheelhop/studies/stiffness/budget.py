@@ -87,11 +87,12 @@ def band_bound(
     speed: float = 60 / 3.6,
     noise: float = 0.5,
 ) -> float:
-    """Best relative accuracy of a tyre's pressure from wheel accelerations in `BAND` [-].
+    """Best relative accuracy of a tyre's pressure from single wheels' accelerations in `BAND` [-].
 
     On a road of class B whose level and waviness are not known, with dampers known to the prior of
-    the estimator. Wheels that roll in one track see one road: they hold as much of level and
-    waviness as one wheel does, and records of fewer tracks than wheels are counted in proportion.
+    the estimator (Whittle 1953). Wheels that roll in one track see one road, so that records of
+    fewer tracks than wheels are counted in proportion. It holds for an estimator that takes every
+    wheel by itself; one that knows that the rear wheel repeats the front wheel's road can do better.
 
     Args:
         cars: the four corners.

@@ -58,7 +58,12 @@ def vehicle_figures(study: VehicleStudy) -> Iterator[StudyFigure]:
         columns |= {f"{w}, {label}": move[:, k] for k, w in enumerate(_WHEELS)}
     yield StudyFigure(
         "vehicle_budget",
-        plot_budget(moves, budget.names, LIMIT, "What moves the estimated pressure"),
+        plot_budget(
+            {label: move[1:] for label, move in moves.items()},
+            budget.names[1:],
+            LIMIT,
+            "What moves the estimated pressure",
+        ),
         columns,
         {},
         "Relative move of the pressure by each disturbance, mean and range of four tyres.",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from wheelhop.studies.stiffness import (
     claims,
+    claims_alarms,
     claims_classes,
     claims_pairs,
     claims_tables,
@@ -11,6 +12,7 @@ from wheelhop.studies.stiffness import (
     figures_classes,
     figures_pairs,
 )
+from wheelhop.studies.stiffness.alarm_drives import DURATION, alarm_drives, count_of
 from wheelhop.studies.stiffness.axle_pairs import axle_pairs
 from wheelhop.studies.stiffness.continuous import continuous
 from wheelhop.studies.stiffness.exact_classes import exact_classes
@@ -54,6 +56,14 @@ def _pairs_in_words(settings: StiffnessSettings) -> tuple[str, ...]:
     )
 
 
+def _alarms_in_words(settings: StiffnessSettings) -> tuple[str, ...]:
+    return (
+        f"{count_of(settings)} drives of {DURATION:g} s for each loss, and four times as many of "
+        "sound tyres: four corners, roads of any roughness, the filter of `wheelhop estimate` over "
+        "what changes, and its alarms.",
+    )
+
+
 PARTS = (
     Part(
         "exact_classes",
@@ -94,6 +104,16 @@ PARTS = (
         claims_pairs.pair_tables,
         figures_pairs.pair_figures,
         claims_pairs.pair_numbers,
+    ),
+    Part(
+        "alarms",
+        "Alarms",
+        alarm_drives,
+        _alarms_in_words,
+        claims_alarms.alarm_findings,
+        claims_alarms.alarm_tables,
+        claims_alarms.alarm_figures,
+        claims_alarms.alarm_numbers,
     ),
 )
 """In the order of the report."""

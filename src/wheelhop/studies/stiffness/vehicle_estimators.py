@@ -14,6 +14,7 @@ from wheelhop.estimators.stiffness import StiffnessTuning
 from wheelhop.filtering import run_batch
 from wheelhop.studies.stiffness import hop_band
 from wheelhop.studies.stiffness.frame import StiffnessSettings
+from wheelhop.studies.stiffness.hop_model import WheelAcceleration
 from wheelhop.studies.stiffness.vehicle_drives import VehicleLogs
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.quarter_car import Accelerations
@@ -48,7 +49,7 @@ def in_band(tuning: StiffnessTuning, settings: StiffnessSettings) -> Follow:
 
     def follow(cars: Sequence[QuarterCar], logs: VehicleLogs, speed: float = 1.0) -> Followed:
         dt = hop_band.BLOCK * logs.dt
-        measured = hop_band.WheelAcceleration(_float(hop_band.means(logs.measured.a_u)))
+        measured = WheelAcceleration(_float(hop_band.means(logs.measured.a_u)))
         count = measured.a_u.shape[1]
         v = hop_band.means(logs.speed[:, :, None])[:, :count, 0]
         params = hop_band.hop_params(cars, dt, tuning)
