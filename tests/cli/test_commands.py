@@ -108,6 +108,7 @@ def test_the_papers_filter_and_exact_classes_can_be_chosen(work, log):
         (("--method", "magic"), "--method", "Use one of"),
         (("--free", "mass"), "--free", "Use some of"),
         (("--method", "immuf", "--free", "waviness"), "--free", "Leave one of them out"),
+        (("--method", "hop"), "--method", "is for four tyres"),
         (("--classes", "BB"), "--classes", "Give each class once"),
         (("--calibrate", 230), "--calibrate", "Give a log of four corners"),
         (("--walk", 99), "tuning.stiffness_walk", "Give a value in that range"),
@@ -182,6 +183,8 @@ def test_demo_finds_the_leak_then_calibrates_and_watches(work):
     assert "calibration.offset" in said
     said = call("estimate", "demo/log.parquet", "--classes", "AB", "--out", "bad", status=2)
     assert "Add --corner FL" in said
+    said = call("estimate", "demo/log.parquet", "--method", "hop", "--out", "hop")
+    assert "(4 where the model fits)" in said
     said = call("estimate", "demo/log.parquet", "--corner", "FL", "--out", "one")
     assert "innovations: mean NIS" in said
 

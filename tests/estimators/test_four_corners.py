@@ -24,7 +24,6 @@ from wheelhop.estimators.four_corners import (
     four_corner_prior,
 )
 from wheelhop.estimators.stiffness import (
-    CornerTheta,
     read_theta,
     stiffness_filter,
     stiffness_params,
@@ -106,7 +105,7 @@ def record():
 
 
 def test_on_a_known_road_it_is_four_corners_on_their_own(record):
-    """The first samples are missing, so that no step of theta meets the limit on its length."""
+    """With a prior in which no step of theta meets the limit on its length."""
     ys = record.copy()
     ys[5, 2], ys[9, 1, 0] = np.nan, np.nan
     tuning = replace(TUNING, prior_level_sigma=0.0, prior_pressure_sigma=15e3)
@@ -210,4 +209,3 @@ def test_bad_input_is_named():
     with pytest.raises(InputError) as caught:
         changing_four_corner_params(CARS, SPEED, DT, replace(TUNING, noise_a_u=0.0))
     assert caught.value.field == "tuning.noise_a_u"
-    assert CornerTheta._fields == ("ln_k_t", "ln_level")

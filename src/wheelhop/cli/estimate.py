@@ -32,7 +32,7 @@ from wheelhop.io.logs import corners_of_log, read_log
 from wheelhop.io.results import require_writable
 from wheelhop.vehicle.road import class_level
 
-METHODS = ("rml", "immuf")
+METHODS = ("rml", "hop", "immuf")
 
 
 @command
@@ -48,7 +48,7 @@ def estimate(
         typer.Option("--rear-vehicle", help="TOML of a rear corner, for four tyres."),
     ] = None,
     method: Annotated[
-        str, typer.Option(help="rml, or immuf: the filter of Brancati & Tufano, corrected.")
+        str, typer.Option(help="rml; hop for four tyres of a real car; or immuf, the paper's.")
     ] = "rml",
     classes: Annotated[
         str | None,
@@ -103,9 +103,21 @@ def estimate(
         files = (vehicle, rear)
         reset = None if calibrate is None else 1e3 * calibrate
         estimate_four(
-            log, units, files, 1e3 * placard, calibration, reset, noise, walk, out, precision
+            log,
+            units,
+            files,
+            method,
+            1e3 * placard,
+            calibration,
+            reset,
+            noise,
+            walk,
+            out,
+            precision,
         )
         return
+    if method == "hop":
+        raise InputError("--method", "'hop' is for four tyres", "Leave --corner out, or use rml.")
     if calibrate is not None or calibration is not None or rear is not None:
         raise InputError(
             "--calibrate, --calibration, --rear-vehicle",
@@ -168,7 +180,7 @@ def demo(
 
 
 def _refuse_for_four(method: str, classes: str | None, free: tuple[str, ...]) -> None:
-    for name, given in (("--method", method != "rml"), ("--classes", classes), ("--free", free)):
+    for name, given in (("--method", method == "immuf"), ("--classes", classes), ("--free", free)):
         if given:
             raise InputError(
                 name, "the log holds four corners, estimated together", "Add --corner FL."

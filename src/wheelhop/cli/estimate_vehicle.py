@@ -24,8 +24,14 @@ from wheelhop.estimators.alarm_events import AlarmEvent, alarm_events
 from wheelhop.estimators.alarms import AlarmOutput
 from wheelhop.estimators.calibration import Calibration, calibrate, from_dict, to_dict
 from wheelhop.estimators.changing import ChangeTuning
-from wheelhop.estimators.estimate_vehicle import VehicleEstimate, estimate_vehicle, watch
+from wheelhop.estimators.estimate_vehicle import (
+    VehicleEstimate,
+    estimate_by_hop,
+    estimate_vehicle,
+    watch,
+)
 from wheelhop.estimators.four_corners import VEHICLE_TUNING, WHEELS
+from wheelhop.estimators.hop_band import HOP_TUNING
 from wheelhop.estimators.stiffness import StiffnessTuning, validate_tuning
 from wheelhop.io.logs import corners_of_log, read_log, write_vehicle_records
 from wheelhop.io.results import output_directory, write_figure, write_json, write_table
@@ -43,6 +49,7 @@ def estimate_four(
     log: Path,
     units: Path | None,
     vehicles: tuple[Path | None, Path | None],
+    method: str,
     placard: float,
     calibration: Path | None,
     reset: float | None,
@@ -57,6 +64,7 @@ def estimate_four(
         log: CSV or Parquet.
         units: TOML with units and columns.
         vehicles: TOML of the front and of the rear corner; the default SUV's for None.
+        method: rml, or hop.
         placard: recommended pressure [Pa].
         calibration: JSON of an earlier calibration.
         reset: known pressure [Pa] of all tyres, to calibrate at.
@@ -74,16 +82,18 @@ def estimate_four(
             f"Choose one, as --corner {held[0]}.",
         )
     known = None if calibration is None else _read_calibration(calibration)
-    tuning = replace(VEHICLE_TUNING, noise_a_s=noise, noise_a_u=noise)
+    default = HOP_TUNING if method == "hop" else VEHICLE_TUNING
+    tuning = replace(default, noise_a_s=noise, noise_a_u=noise)
     tuning = validate_tuning(tuning if walk is None else replace(tuning, stiffness_walk=walk))
     with computing(precision):
         records = [read_log(log, units, corner) for corner in WHEELS]
         cars, names = _cars(vehicles)
-        estimate, output, events = _estimate(records, cars, placard, tuning, known)
+        estimate, output, events = _estimate(records, cars, placard, tuning, known, method)
         made = None if reset is None else _calibrate(estimate, cars, reset, tuning)
     settings = {
         "log": str(log),
         "vehicles": names,
+        "method": method,
         "placard_Pa": placard,
         "calibration": None if calibration is None else str(calibration),
         "tuning": asdict(tuning),
@@ -141,9 +151,11 @@ def _estimate(
     placard: float,
     tuning: StiffnessTuning,
     calibration: Calibration | None,
+    method: str = "rml",
 ) -> tuple[VehicleEstimate, AlarmOutput, list[AlarmEvent]]:
     with progress_bar("filtering", "samples") as advance:
-        estimate = estimate_vehicle(records, cars, tuning=tuning, on_progress=advance)
+        by = estimate_by_hop if method == "hop" else estimate_vehicle
+        estimate = by(records, cars, tuning=tuning, on_progress=advance)
     output = watch(estimate, cars, placard, tuning=tuning, calibration=calibration)
     return estimate, output, alarm_events(estimate.t, output, WHEELS)
 
@@ -206,7 +218,9 @@ def _write(
         console.print(f"[bold red]alarm[/] {escape(event.words)}", soft_wrap=True)
     if not events:
         console.print("no alarm")
-    console.print(f"innovations: mean NIS {np.mean(estimate.nis):.2f} (8 where the model fits)")
+    console.print(
+        f"innovations: mean NIS {np.mean(estimate.nis):.2f} ({estimate.entries} where the model fits)"
+    )
     results: dict[str, Any] = {
         "final_pressure_Pa": dict(zip(WHEELS, output.pressure[-1].tolist(), strict=True)),
         "final_pressure_sigma_Pa": dict(zip(WHEELS, output.pressure_sd[-1].tolist(), strict=True)),

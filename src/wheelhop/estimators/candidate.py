@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from wheelhop.errors import DivergenceError, InputError
-from wheelhop.filtering import Filter, Gaussian, Info, run_batch
+from wheelhop.filtering import Filter, Info, run_batch
 from wheelhop.filtering.drive import Bind
 from wheelhop.vehicle.quarter_car import Accelerations
 

@@ -107,6 +107,25 @@ def changing_modes(
 ) -> Modes:
     """The modes for a road of any level, or of exact classes.
 
+    Measured on one corner (48 runs, 130-230 kPa, 40-80 km/h, 0.5 m/s^2), rms error in kPa: at 20 s
+    on roads of any level; largest after a step of 3 dB of the road, and after 50 kPa lost in 1.5 s:
+
+        modes                                          any level (NEES)   3 dB    leak
+        classes exactly, tyre holds / changes          56 (57)            -       -
+        classes, sd of ln G 0.7, tyre holds / changes  10.6 (0.8)         -       -
+        changes: road every 1000 s, tyre every 20 s    10.3 (0.5)         80      35, 11 after 3.5 s
+        changes: road every 100 s, tyre every 100 s     9.8 (0.6)         45      45, 27 after 3.5 s
+        changes: road every 20 s, tyre every 500 s      9.9 (0.8)         18      47, 33 after 3.5 s
+
+    Classes are wrong between them, and with a wide prior five modes more for nothing; a change of
+    road from A to D or back costs none of them more than a second. The last three differ in what
+    a lone corner believes of a change that it cannot tell apart, since k_t^2 G changes alike. Roads
+    change more often than tyres burst: the last is the default. The 18 kPa are what the error was
+    before the step. On exact classes nothing can be mistaken: there the tyre's modes are cheap and
+    a leak is followed within a second (`EXACT_CLASSES`). The level of every mode is free about its
+    class, ln k_t is mixed, and no run of 2,400 stayed on a wrong ridge of k_t^2 G: the prior on the
+    pressure and the limit on a step of theta suffice.
+
     Args:
         dt: sampling interval [s].
         tuning: of the members.

@@ -80,7 +80,12 @@ def estimate_pressure(
     )
     if classes:  # the level of a class is the mixture's
         probabilities = np.exp(kept.log_probabilities.astype(float))
-        kept = kept._replace(ln_level=kept.ln_level + probabilities @ np.log(modes.levels))
+        ln_levels = np.log(modes.levels)
+        middle = probabilities @ ln_levels
+        spread = np.sum(probabilities * (ln_levels - middle[:, None]) ** 2, axis=1)
+        kept = kept._replace(
+            ln_level=kept.ln_level + middle, level_variance=kept.level_variance + spread
+        )
     level = 1.0 if classes else tuning.prior_level
     return pressure_estimate(record.t, kept, modes.names, car.tire, level)
 

@@ -21,10 +21,20 @@ from wheelhop.estimators.four_corners import (
     changing_four_corner_params,
     changing_four_corner_prior,
 )
+from wheelhop.estimators.hop_band import (
+    HOP_TUNING,
+    MEAN_OVER,
+    hop_filter,
+    hop_params,
+    hop_prior,
+    means,
+)
+from wheelhop.estimators.hop_band import bind_speed as bind_hop_speed
+from wheelhop.estimators.hop_model import WheelAcceleration
 from wheelhop.estimators.pressure import StiffnessBelief
 from wheelhop.estimators.pressure_estimate import filter_record, measured_as
 from wheelhop.estimators.stiffness import StiffnessTuning, validate_tuning
-from wheelhop.filtering import Info, InteractingState
+from wheelhop.filtering import Info, InteractingState, SensitivityState
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.quarter_car import Accelerations
 from wheelhop.vehicle.record import CornerRecord
@@ -51,9 +61,10 @@ class VehicleEstimate:
         level_sigma: standard deviation of ln G, [time].
         modes: names of the filter's modes.
         mode_probabilities: [time, modes].
-        nis: normalised innovation squared, mean over the time since the last report; 8 where the
-            model fits, [time].
+        nis: normalised innovation squared, mean over the time since the last report; `entries`
+            where the model fits, [time].
         missing: measurements left out since the last report, [time].
+        entries: number of measurements in a step.
     """
 
     t: np.ndarray
@@ -66,6 +77,7 @@ class VehicleEstimate:
     mode_probabilities: np.ndarray
     nis: np.ndarray
     missing: np.ndarray
+    entries: int
 
 
 class _Kept(NamedTuple):
@@ -85,6 +97,9 @@ def estimate_vehicle(
     on_progress: Callable[[int, int], None] | None = None,
 ) -> VehicleEstimate:
     """Estimate four pressures by recursive maximum likelihood with one road roughness.
+
+    Every sample of all eight accelerations is used, on a road of waviness 2: at the bound for
+    quarter cars on such roads, and far off for a real vehicle; see `estimate_by_hop`.
 
     Args:
         records: checked records of the corners FL, FR, RL, RR on one time grid.
@@ -119,7 +134,61 @@ def estimate_vehicle(
         whole=False,
     )
     names = changing_modes(dt, tuning, changes).names
-    return _estimate(first.t, kept, names, [car.tire for car in cars], tuning.prior_level, dt)
+    return _estimate(first.t, kept, names, [car.tire for car in cars], tuning.prior_level, dt, 8)
+
+
+def estimate_by_hop(
+    records: Sequence[CornerRecord],
+    cars: Sequence[QuarterCar],
+    *,
+    tuning: StiffnessTuning = HOP_TUNING,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> VehicleEstimate:
+    """Estimate four pressures from the wheels' accelerations in the band of the wheel hop.
+
+    For a vehicle that is no quarter car, and roads of any waviness (`hop_band`); slower on
+    quarter cars, since it leaves out what lies above 30 Hz and the body.
+
+    Args:
+        records, cars, tuning, on_progress: as in `estimate_vehicle`.
+
+    Raises:
+        InputError: if there are not four records on one time grid, the sampling rate is too low,
+            or tuning is not usable.
+        DivergenceError: if the filter leaves the finite numbers.
+    """
+    first = _checked(records)
+    for car in cars:
+        require_stiff(car.tire, validate_tuning(tuning).prior_pressure)
+    block = max(1, round(MEAN_OVER / first.dt))
+    dt = block * first.dt
+    if dt > 1.5 * MEAN_OVER:
+        raise InputError(
+            "t",
+            f"{1.0 / first.dt:.4g} Hz are too few for means over {1e3 * MEAN_OVER:g} ms",
+            "Log at 60 Hz or more, or use the other method.",
+        )
+    filter = hop_filter(dt)
+    params = hop_params(cars, dt, tuning, block)
+    prior = hop_prior(params, tuning)
+    dtype = params.inner.patch.dtype
+    wheels = means(np.stack([r.a_u for r in records], axis=-1), block).astype(dtype)
+    speed = means(first.v[:, None], block)[:, 0].astype(dtype)
+    t = first.t[block - 1 :: block][: len(wheels)]
+    kept = filter_record(
+        filter,
+        filter.init(prior, params),
+        WheelAcceleration(wheels),
+        params,
+        speed,
+        t,
+        bind_hop_speed,
+        _keep_hop,
+        on_progress,
+        whole=False,
+    )
+    tires = [car.tire for car in cars]
+    return _estimate(t, kept, ("steady",), tires, tuning.prior_level, dt, len(WHEELS))
 
 
 def watch(
@@ -167,7 +236,7 @@ def _checked(records: Sequence[CornerRecord]) -> CornerRecord:
         raise InputError("records", f"{len(records)} corners", "Give four: FL, FR, RL, RR.")
     first = records[0]
     for name, record in zip(WHEELS, records, strict=True):
-        if len(record.t) != len(first.t) or not np.allclose(record.t, first.t):
+        if len(record.t) != len(first.t) or np.abs(record.t - first.t).max() > 0.5 * first.dt:
             raise InputError(
                 f"record of {name}",
                 "its times are not those of FL",
@@ -186,6 +255,11 @@ def _keep(state: InteractingState, info: Info) -> _Kept:
     )
 
 
+def _keep_hop(state: SensitivityState, info: Info) -> _Kept:
+    certain = 0.0 * info.nis[None]
+    return _Kept(state.theta, certain, info.nis, info.flags.missing, info.flags.nonfinite)
+
+
 def _estimate(
     t: np.ndarray,
     kept: _Kept,
@@ -193,6 +267,7 @@ def _estimate(
     tires: Sequence[Tire],
     level: float,
     dt: float,
+    entries: int,
 ) -> VehicleEstimate:
     stride = max(1, round(1.0 / (REPORT_RATE * dt)))
     first = (len(t) - 1) % stride
@@ -221,6 +296,7 @@ def _estimate(
         mode_probabilities=np.exp(np.asarray(kept.log_probabilities[thin], float)),
         nis=_per_report(kept.nis, first, stride, np.mean),
         missing=_per_report(kept.missing, first, stride, np.sum),
+        entries=entries,
     )
 
 

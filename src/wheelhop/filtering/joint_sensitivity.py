@@ -174,9 +174,7 @@ def side_by_side(info: Info) -> Info:
     """One report of the n filters whose reports have a leading axis [n]."""
     entries, n = len(info.innovation), info.innovation[0].shape[0]
     kind: Any = type(info.innovation)
-    innovation = _flat_type(kind, n)(
-        *(x[i] for i in range(n) for x in info.innovation)
-    )
+    innovation = _flat_type(kind, n)(*(x[i] for i in range(n) for x in info.innovation))
     zero = jnp.zeros_like(info.innovation[0][0])
     cov = []
     for i in range(n):

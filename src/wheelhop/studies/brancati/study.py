@@ -253,7 +253,7 @@ def _of_convention(
     if second:
         honest = monte_carlo(plant, car, second, count, driven=runs)
     over_all = [f for f, c in zip(filters, CONTENDERS, strict=True) if c.parent is None]
-    before_tuning = [f.untuned() for f in over_all]
+    before_tuning = [f.untuned() for f in over_all if f.candidate.knobs]
     untuned = monte_carlo(plant, car, before_tuning, count, driven=runs)
     with bar("single drives", "sets") as advance:
         cases = judge_cases(
@@ -314,7 +314,7 @@ def _tuned(
     if settings.second_objective is None:
         return filters, []
     other = replace(settings.tuning, objective=settings.second_objective)
-    over_all = [k for k, c in enumerate(CONTENDERS) if c.parent is None]
+    over_all = [k for k, c in enumerate(CONTENDERS) if c.parent is None and chosen[k].knobs]
     starts = {f.name: f.tuned for f in filters}
     with bar("tuning for honest errors", "iterations") as advance:
         second = tune_all(

@@ -92,7 +92,7 @@ def band_bound(
     On a road of class B whose level and waviness are not known, with dampers known to the prior of
     the estimator (Whittle 1953). Wheels that roll in one track see one road, so that records of
     fewer tracks than wheels are counted in proportion. It holds for an estimator that takes every
-    wheel by itself; one that knows that the rear wheel repeats the front wheel's road can do better.
+    wheel by itself; one that knows that the rear wheel repeats the front's road can do better.
 
     Args:
         cars: the four corners.

@@ -14,9 +14,17 @@ from wheelhop.studies.stiffness import (
 )
 from wheelhop.studies.stiffness.alarm_drives import DURATION, alarm_drives, count_of
 from wheelhop.studies.stiffness.axle_pairs import axle_pairs
+from wheelhop.studies.stiffness.claims_vehicle import (
+    vehicle_findings,
+    vehicle_in_words,
+    vehicle_numbers,
+    vehicle_tables,
+)
 from wheelhop.studies.stiffness.continuous import continuous
 from wheelhop.studies.stiffness.exact_classes import exact_classes
+from wheelhop.studies.stiffness.figures_vehicle import vehicle_figures
 from wheelhop.studies.stiffness.frame import Part, StiffnessSettings
+from wheelhop.studies.stiffness.full_vehicle import vehicle_study
 from wheelhop.studies.stiffness.several_wheels import several_wheels
 
 
@@ -104,6 +112,16 @@ PARTS = (
         claims_pairs.pair_tables,
         figures_pairs.pair_figures,
         claims_pairs.pair_numbers,
+    ),
+    Part(
+        "vehicle",
+        "The full vehicle",
+        vehicle_study,
+        vehicle_in_words,
+        vehicle_findings,
+        vehicle_tables,
+        vehicle_figures,
+        vehicle_numbers,
     ),
     Part(
         "alarms",

@@ -9,12 +9,11 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from wheelhop.estimators import four_corners
+from wheelhop.estimators import four_corners, hop_band
+from wheelhop.estimators.hop_model import WheelAcceleration
 from wheelhop.estimators.stiffness import StiffnessTuning
 from wheelhop.filtering import run_batch
-from wheelhop.studies.stiffness import hop_band
 from wheelhop.studies.stiffness.frame import StiffnessSettings
-from wheelhop.studies.stiffness.hop_model import WheelAcceleration
 from wheelhop.studies.stiffness.vehicle_drives import VehicleLogs
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.quarter_car import Accelerations

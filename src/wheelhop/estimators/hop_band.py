@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from wheelhop.estimators.hop_model import HopParams, hop_model, hop_state_prior
 from wheelhop.estimators.stiffness import (
     StiffnessTuning,
     bind_theta,
@@ -32,15 +33,22 @@ from wheelhop.filtering import (
     independent,
     joint_sensitivity,
 )
-from wheelhop.studies.stiffness.hop_model import HopParams, hop_model, hop_state_prior
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.tire import stiffness_from_pressure
 
 BLOCK = 8
 """Samples of 500 Hz per mean: means every 16 ms pass what lies below 30 Hz."""
 
+MEAN_OVER = 0.016
+"""Interval of the means [s]."""
+
 PATCH = 0.09
 """Half-length of the contact patch [m] of a passenger-car tyre."""
+
+HOP_TUNING = StiffnessTuning(
+    stiffness_walk=0.005, level_walk=0.3, waviness_sigma=0.4, damping_sigma=0.15
+)
+"""Default tuning: a road that is not equally rough, nor equally wavy, all along."""
 
 FREE = ("waviness", "ln_damping")
 """What the four corners share beside ln G."""
@@ -88,7 +96,7 @@ def bind_hop(params: HopParams, theta: Any) -> HopParams:
 def hop_params(
     cars: Sequence[QuarterCar],
     dt: float,
-    tuning: StiffnessTuning = StiffnessTuning(),
+    tuning: StiffnessTuning = HOP_TUNING,
     block: int = BLOCK,
     patch: float = PATCH,
     waviness: float = 2.0,
@@ -111,9 +119,7 @@ def hop_params(
     return SensitivityParams(HopParams(inner, jnp.full((4,), patch, inner.dt.dtype)), walk)
 
 
-def hop_prior(
-    params: SensitivityParams, tuning: StiffnessTuning = StiffnessTuning()
-) -> SensitivityPrior:
+def hop_prior(params: SensitivityParams, tuning: StiffnessTuning = HOP_TUNING) -> SensitivityPrior:
     """Belief before the first mean: moving a little, theta as in the tuning."""
     inner = params.inner
     tires = [jax.tree.map(lambda a, i=i: a[i], inner.corner.car.tire) for i in range(4)]
