@@ -67,6 +67,8 @@ def test_a_drive_gives_four_pressures_ten_times_a_second(records, vehicle):
     gaps = sum(int(np.isnan(r.a_s).sum() + np.isnan(r.a_u).sum()) for r in records)
     assert vehicle.missing.sum() == gaps > 20
     assert vehicle.missing[0] == np.isnan([r.a_u[:50] for r in records]).sum()
+    # four wheels of two measurements; a mixture widens what it expects
+    assert vehicle.entries == 8
     assert 6.0 < vehicle.nis.mean() < 9.0
 
 
@@ -111,16 +113,17 @@ def believed(ln_loss, seconds=40):
     cov = np.tile(0.01**2 * np.eye(4), (n, 1, 1))
     nothing = np.zeros(n)
     return VehicleEstimate(
-        0.1 * np.arange(1, n + 1),
-        StiffnessBelief(mean, cov),
-        law(np.exp(mean)),
-        nothing[:, None] + np.zeros(4),
-        nothing,
-        nothing,
-        ("steady",),
-        np.ones((n, 1)),
-        nothing,
-        nothing,
+        t=0.1 * np.arange(1, n + 1),
+        stiffness=StiffnessBelief(mean, cov),
+        pressure=law(np.exp(mean)),
+        pressure_sigma=np.zeros((n, 4)),
+        level=nothing,
+        level_sigma=nothing,
+        modes=("steady",),
+        mode_probabilities=np.ones((n, 1)),
+        nis=nothing,
+        missing=nothing,
+        entries=8,
     )
 
 

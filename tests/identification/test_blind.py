@@ -11,10 +11,10 @@ import pytest
 from scipy.linalg import expm
 
 from wheelhop.errors import DivergenceError, InputError, InputWarning
+from wheelhop.estimators.road_model import shaping
 from wheelhop.identification import search_space
 from wheelhop.identification.blind import identify_blind
 from wheelhop.identification.likelihood import Fitted, Given, compiled_sums, likelihood_sums
-from wheelhop.estimators.road_model import shaping
 from wheelhop.identification.scoring import Ascent, Point, ascend
 from wheelhop.identification.unknown_road import lay
 from wheelhop.vehicle.parameters import brancati_suv, with_suspension

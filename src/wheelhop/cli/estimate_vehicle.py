@@ -218,14 +218,13 @@ def _write(
         console.print(f"[bold red]alarm[/] {escape(event.words)}", soft_wrap=True)
     if not events:
         console.print("no alarm")
-    console.print(
-        f"innovations: mean NIS {np.mean(estimate.nis):.2f} ({estimate.entries} where the model fits)"
-    )
+    nis = float(np.mean(estimate.nis))
+    console.print(f"innovations: mean NIS {nis:.2f} ({estimate.entries} where the model fits)")
     results: dict[str, Any] = {
         "final_pressure_Pa": dict(zip(WHEELS, output.pressure[-1].tolist(), strict=True)),
         "final_pressure_sigma_Pa": dict(zip(WHEELS, output.pressure_sd[-1].tolist(), strict=True)),
         "final_road_level_m3_per_rad": float(estimate.level[-1]),
-        "mean_nis": float(np.mean(estimate.nis)),
+        "mean_nis": nis,
         "missing_measurements": int(estimate.missing.sum()),
         "alarms": [asdict(event) for event in events],
     }
