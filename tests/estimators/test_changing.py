@@ -1,4 +1,4 @@
-"""The IMM of RML filters: its modes, its reduction to one filter, and what it follows."""
+"""The IMM of RML filters: its modes, its reduction to one filter, what it follows and reports."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -11,7 +11,8 @@ import pytest
 import scipy.linalg
 
 import wheelhop.filtering as wf
-from wheelhop.errors import InputError
+from wheelhop.errors import DivergenceError, InputError
+from wheelhop.estimators import estimate, stiffness
 from wheelhop.estimators.changing import (
     EXACT_CLASSES,
     ChangeTuning,
@@ -23,6 +24,8 @@ from wheelhop.estimators.changing import (
     check_classes,
     validate_changes,
 )
+from wheelhop.estimators.estimate import estimate_pressure
+from wheelhop.estimators.pressure_estimate import Kept
 from wheelhop.estimators.stiffness import (
     CornerTheta,
     StiffnessTuning,
@@ -34,6 +37,7 @@ from wheelhop.estimators.stiffness import (
 from wheelhop.filtering import drive
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.quarter_car import Accelerations
+from wheelhop.vehicle.record import CornerRecord
 from wheelhop.vehicle.suspension import Suspension
 from wheelhop.vehicle.tire import Tire
 
@@ -42,6 +46,7 @@ STEPS, JUMP, AFTER = 600, 300, 250
 CAR = QuarterCar(466.7, 61.14, Suspension(33.6e3, 0.0, 2400.0, 0.0), Tire(K_T, 250e3, 0.7))
 ISO = dict(zip("ABCD", 1e-6 * 4.0 ** np.arange(4), strict=True))
 """Gd(1 rad/m) of ISO 8608: class A at 1e-6 m^3, four times as much from class to class."""
+EVEN = np.full(STEPS, SPEED)
 SURE = np.array([0.03, 1.6])
 """Prior sd of ln k_t and ln G once the filter has driven for a while."""
 
@@ -66,13 +71,16 @@ def simulate(seed, levels):
 
 @lru_cache
 def runner(filter):
+    bind = bind_speed if filter is changing_filter(DT) else stiffness.bind_speed
+
     @jax.jit
-    def run(ys, params, prior):
+    def run(ys, params, prior, speed):
         def keep(state, info):
             modes = getattr(state, "log_probabilities", jnp.zeros(1))
             return read_theta(state), jnp.exp(modes), info.log_likelihood, info.flags
 
-        return drive.run(filter, filter.init(prior, params), ys, params, keep=keep)
+        state = filter.init(prior, params)
+        return drive.run(filter, state, ys, params, inputs=speed, bind=bind, keep=keep)
 
     return run
 
@@ -83,16 +91,28 @@ def certain(prior, sd=SURE):
     return prior._replace(theta=wf.independent(mean, CornerTheta(*map(jnp.asarray, sd))))
 
 
+def padded(params):
+    """With a mode more that nothing leads to, so that one compilation serves all tests."""
+    members = jax.tree.map(lambda a: jnp.concatenate([a, a[:1]]), params.members)
+    transition = np.eye(4)
+    transition[:3, :3] = params.transition
+    initial = np.append(params.initial, 0.0)
+    return wf.InteractingParams(members, jnp.asarray(transition), jnp.asarray(initial))
+
+
 def run(ys, changes=ChangeTuning(), classes=(), tuning=StiffnessTuning()):
     params = changing_params(CAR, SPEED, DT, tuning, changes, classes)
     prior = changing_prior(params, tuning, changes, classes)
     sd = [SURE[0], float(wf.standard_deviation(prior.theta).ln_level)]
-    return runner(changing_filter(DT))(ys, params, certain(prior, sd))
+    return runner(changing_filter(DT))(
+        ys, params if classes else padded(params), certain(prior, sd), EVEN
+    )
 
 
 def run_single(ys, tuning=StiffnessTuning()):
     params = stiffness_params(CAR, SPEED, DT, tuning)
-    return runner(stiffness_filter(DT))(ys, params, certain(stiffness_prior(params, tuning)))
+    prior = certain(stiffness_prior(params, tuning))
+    return runner(stiffness_filter(DT))(ys, params, prior, EVEN)
 
 
 @pytest.mark.parametrize("classes", ["", "B", "AD", "ABCD"])
@@ -239,3 +259,69 @@ def test_a_sampling_interval_too_long_for_the_changes_is_refused():
             with pytest.raises(InputError) as caught:
                 changing_modes(0.02, StiffnessTuning(), changes, classes)
             assert caught.value.field == field
+
+
+@pytest.fixture(scope="module")
+def record():
+    """600 samples with a gap across the boundary of two chunks of 500; the speed varies."""
+    ys = simulate(3, np.full(STEPS, 4e-6))
+    a_u = np.array(ys.a_u)
+    a_u[495:505] = np.nan
+    t = DT * np.arange(1, STEPS + 1)
+    return CornerRecord(t, np.array(ys.a_s), a_u, np.linspace(SPEED - 1.0, SPEED + 1.0, STEPS))
+
+
+def test_an_estimate_is_the_filter_through_gaps_and_chunks(record):
+    done = []
+    found = estimate_pressure(record, CAR, on_progress=lambda *a: done.append(a))
+    assert done == [(500, STEPS), (STEPS, STEPS)]
+    params = changing_params(CAR, float(record.v[0]), DT)
+    ys = Accelerations(jnp.asarray(record.a_s), jnp.asarray(record.a_u))
+    theta, probabilities, _, flags = runner(changing_filter(DT))(
+        ys, padded(params), changing_prior(params), jnp.asarray(record.v)
+    )
+    mean, cov = map(np.asarray, wf.dense(theta))
+    np.testing.assert_array_equal(found.t, record.t)
+    np.testing.assert_allclose(np.log(found.stiffness), mean[:, 0], atol=1e-8)
+    sigma = found.stiffness * np.sqrt(cov[:, 0, 0])
+    np.testing.assert_allclose(found.stiffness_sigma, sigma, rtol=1e-7)
+    np.testing.assert_allclose(found.level, 8e-6 * np.exp(mean[:, 1]), rtol=1e-7)
+    np.testing.assert_allclose(found.level_sigma, np.sqrt(cov[:, 1, 1]), rtol=1e-7)
+    np.testing.assert_allclose(found.mode_probabilities, probabilities[:, :3], atol=1e-8)
+    np.testing.assert_array_equal(found.missing, flags.missing)
+    assert found.missing[495:505].sum() == found.missing.sum() == 10
+    # k_t = 220 kN/m (1 + 0.7 (p - 250 kPa) / 250 kPa)
+    pressure = 250e3 * (1.0 + (found.stiffness / K_T - 1.0) / 0.7)
+    np.testing.assert_allclose(found.pressure, pressure, rtol=1e-12)
+    np.testing.assert_allclose(found.pressure_sigma, 250e3 / (0.7 * K_T) * sigma, rtol=1e-7)
+
+
+def test_leaving_the_finite_numbers_says_when(record):
+    """An absurd sample of a log that nobody checked, in the second chunk."""
+    a_u = record.a_u.copy()
+    a_u[549] = 1e200
+    with pytest.raises(DivergenceError, match=r"at t = 1\.1 s; check the log there"):
+        estimate_pressure(replace(record, a_u=a_u), CAR)
+
+
+def test_with_exact_classes_the_level_is_that_of_the_mixture(record, monkeypatch):
+    """Mean and variance over modes A, A, C, C; the filter itself gives way to a made-up result."""
+    every = np.ones(STEPS)
+    kept = Kept(
+        ln_k_t=12.0 * every,
+        variance=0.01 * every,
+        log_probabilities=np.log([0.2, 0.1, 0.6, 0.1]) * every[:, None],
+        nis=every,
+        missing=every,
+        guarded=every,
+        lost_members=every,
+        nonfinite=every,
+        ln_level=0.03 * every,
+        level_variance=0.0004 * every,
+    )
+    monkeypatch.setattr(estimate, "filter_record", lambda *a, **k: kept)
+    found = estimate_pressure(record, CAR, classes=("A", "C"))
+    assert found.modes == ("A", "A, tyre changes", "C", "C, tyre changes")
+    np.testing.assert_allclose(found.level, 1e-6 * 16.0**0.7 * np.exp(0.03), rtol=1e-12)
+    sigma = np.sqrt(0.0004 + 0.3 * 0.7 * np.log(16.0) ** 2)
+    np.testing.assert_allclose(found.level_sigma, sigma, rtol=1e-12)

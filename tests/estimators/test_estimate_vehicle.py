@@ -1,30 +1,18 @@
-"""From records to pressures and alarms: one corner, four corners, and what they refuse."""
+"""From the records of a drive to four pressures and alarms, and what is refused."""
 
 from dataclasses import replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import wheelhop.filtering as wf
-from wheelhop.errors import DivergenceError, InputError
-from wheelhop.estimators import estimate as estimate_of_corner
+from wheelhop.errors import InputError
 from wheelhop.estimators.calibration import Calibration
-from wheelhop.estimators.changing import (
-    bind_speed,
-    changing_filter,
-    changing_params,
-    changing_prior,
-)
 from wheelhop.estimators.estimate import estimate_pressure
 from wheelhop.estimators.estimate_vehicle import VehicleEstimate, estimate_vehicle, watch
 from wheelhop.estimators.four_corners import VEHICLE_TUNING
 from wheelhop.estimators.pressure import StiffnessBelief
-from wheelhop.estimators.pressure_estimate import Kept
-from wheelhop.filtering import drive
 from wheelhop.studies.four_tyres import FourTyres, corners, simulate_four_tyres, true_pressure
-from wheelhop.vehicle.quarter_car import Accelerations
 from wheelhop.vehicle.scenario import Leak
 
 DRIVE = FourTyres(duration=1.2, leak=Leak(230e3, 130e3, begin=-1.0, finish=-0.5))
@@ -159,73 +147,6 @@ def test_a_calibration_is_subtracted():
     per_ln = float(np.exp(shifted.stiffness.mean[0, 0]) * 250e3 / (264.7e3 * 0.7))
     more = np.sqrt(np.asarray(same.pressure_sd[-1] ** 2 - free.pressure_sd[-1] ** 2)) / per_ln
     np.testing.assert_allclose(more, np.sqrt(0.005**2 + 0.015**2 + 0.005**2), rtol=1e-6)
-
-
-@pytest.fixture(scope="module")
-def corner(records):
-    """The record of RL, a gap across the boundary of the chunks in it."""
-    return records[2]
-
-
-def test_a_corner_is_its_filter_through_gaps_and_chunks(corner):
-    car = corners()[2]
-    estimate = estimate_pressure(corner, car)
-    params = changing_params(car, float(corner.v[0]), corner.dt)
-    filter = changing_filter(corner.dt)
-    state = filter.init(changing_prior(params), params)
-
-    @jax.jit
-    def run(ys, speed):
-        def keep(state, info):
-            return state.combined.theta, jnp.exp(state.log_probabilities), info.nis
-
-        return drive.run(filter, state, ys, params, inputs=speed, bind=bind_speed, keep=keep)
-
-    ys = Accelerations(jnp.asarray(corner.a_s), jnp.asarray(corner.a_u))
-    theta, probabilities, nis = run(ys, jnp.asarray(corner.v))
-    mean, cov = map(np.asarray, wf.dense(theta))
-    np.testing.assert_array_equal(estimate.t, corner.t)
-    np.testing.assert_allclose(np.log(estimate.stiffness), mean[:, 0], atol=1e-8)
-    np.testing.assert_allclose(estimate.level, 8e-6 * np.exp(mean[:, 1]), rtol=1e-7)
-    np.testing.assert_allclose(estimate.level_sigma, np.sqrt(cov[:, 1, 1]), rtol=1e-7)
-    relative = estimate.stiffness_sigma / estimate.stiffness
-    np.testing.assert_allclose(relative, np.sqrt(cov[:, 0, 0]), rtol=1e-7)
-    np.testing.assert_allclose(estimate.pressure, law(estimate.stiffness), rtol=1e-12)
-    np.testing.assert_allclose(estimate.mode_probabilities, probabilities, atol=1e-8)
-    np.testing.assert_allclose(estimate.nis, nis, atol=1e-6)
-    np.testing.assert_array_equal(estimate.missing, np.isnan(corner.a_u))
-    assert 10 == estimate.missing[495:505].sum() == estimate.missing.sum()
-
-
-def test_leaving_the_finite_numbers_says_when(corner):
-    """An absurd sample of a log that nobody checked, in the second chunk."""
-    a_u = corner.a_u.copy()
-    a_u[549] = 1e200
-    with pytest.raises(DivergenceError, match=r"at t = 1\.1 s; check the log there"):
-        estimate_pressure(replace(corner, a_u=a_u), corners()[2])
-
-
-def test_with_exact_classes_the_level_is_that_of_the_mixture(corner, monkeypatch):
-    """Mean and variance over modes A, A, C, C; the filter itself gives way to a made-up result."""
-    every = np.ones(len(corner.t))
-    kept = Kept(
-        ln_k_t=12.0 * every,
-        variance=0.01 * every,
-        log_probabilities=np.log([0.2, 0.1, 0.6, 0.1]) * every[:, None],
-        nis=every,
-        missing=every,
-        guarded=every,
-        lost_members=every,
-        nonfinite=every,
-        ln_level=0.03 * every,
-        level_variance=0.0004 * every,
-    )
-    monkeypatch.setattr(estimate_of_corner, "filter_record", lambda *a, **k: kept)
-    found = estimate_pressure(corner, corners()[2], classes=("A", "C"))
-    assert found.modes == ("A", "A, tyre changes", "C", "C, tyre changes")
-    np.testing.assert_allclose(found.level, 1e-6 * 16.0**0.7 * np.exp(0.03), rtol=1e-12)
-    sigma = np.sqrt(0.0004 + 0.3 * 0.7 * np.log(16.0) ** 2)
-    np.testing.assert_allclose(found.level_sigma, sigma, rtol=1e-12)
 
 
 def test_settings_of_an_estimate_are_checked_before_any_work(records):

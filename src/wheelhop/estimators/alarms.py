@@ -65,6 +65,7 @@ class AlarmSettings:
         probability: posterior probability above which a wheel counts as low.
         clear_probability: the one below which it counts as sound again.
         hold, clear_hold: time for which it must count so [s].
+        settle: time at the start of a drive without alarms [s], while the estimator settles.
         puncture_rate: loss of pressure per time that tells a puncture from a slow leak [Pa/s].
         level_walk: random walk of ln k_t over minutes [1/sqrt(s)].
         rate_walk: of its rate [1/s per sqrt(s)].
@@ -76,6 +77,7 @@ class AlarmSettings:
     clear_probability: float = 0.5
     hold: float = 3.0
     clear_hold: float = 10.0
+    settle: float = 10.0
     puncture_rate: float = 10e3 / 60.0
     level_walk: float = 0.001
     rate_walk: float = 1e-4
@@ -95,7 +97,7 @@ class AlarmParams:
         test: change of ln k_t at the test level, [wheels].
         bias: covariance of errors that stay for a whole drive, [wheels, wheels].
         probability, clear_probability: bounds.
-        hold, clear_hold: steps.
+        hold, clear_hold, settle: steps.
         puncture_rate: [Pa/s].
     """
 
@@ -109,6 +111,7 @@ class AlarmParams:
     clear_probability: Any
     hold: Any
     clear_hold: Any
+    settle: Any
     puncture_rate: Any
 
 
@@ -121,6 +124,7 @@ class AlarmState(NamedTuple):
         cov: its covariance, [wheels, wheels].
         alarm: whether a wheel's alarm is on, [wheels].
         low, sound: steps for which it has counted so, [wheels].
+        seen: steps with a belief, [wheels].
     """
 
     deflation: DeflationState
@@ -129,6 +133,7 @@ class AlarmState(NamedTuple):
     alarm: Any
     low: Any
     sound: Any
+    seen: Any
 
 
 class AlarmOutput(NamedTuple):
@@ -193,6 +198,7 @@ def alarm_params(
     )
     require_in_range("alarm.hold", s.hold, 0.0, 600.0, "s")
     require_in_range("alarm.clear_hold", s.clear_hold, 0.0, 600.0, "s")
+    require_in_range("alarm.settle", s.settle, 0.0, 600.0, "s")
     require_in_range("alarm.level_walk", s.level_walk, 1e-6, 0.1, "1/sqrt(s)")
     require_in_range("alarm.rate_walk", s.rate_walk, 1e-8, 0.1, "1/s per sqrt(s)")
     require_in_range("alarm.rate_memory", s.rate_memory, 10.0 * dt, 1e5, "s")
@@ -216,6 +222,7 @@ def alarm_params(
         s.clear_probability,
         max(1, math.ceil(s.hold / dt - 1e-9)),
         max(1, math.ceil(s.clear_hold / dt - 1e-9)),
+        math.ceil(s.settle / dt - 1e-9),
         s.puncture_rate,
     )
 
@@ -227,7 +234,13 @@ def alarm_init(params: AlarmParams) -> AlarmState:
     deflation = deflation_init(wheels, params.deflation, params.reference.dtype)
     level = jnp.zeros(wheels, params.reference.dtype)
     return AlarmState(
-        deflation, level, jnp.eye(wheels, dtype=level.dtype), jnp.zeros(wheels, bool), zero, zero
+        deflation,
+        level,
+        jnp.eye(wheels, dtype=level.dtype),
+        jnp.zeros(wheels, bool),
+        zero,
+        zero,
+        zero,
     )
 
 
@@ -251,12 +264,14 @@ def alarm_step(
     known = jnp.where(valid[:, None] & valid[None, :], belief.cov, held)
     cov = known + params.bias
     probability = _probability(level, cov, params)
-    low = jnp.where(probability > params.probability, state.low + 1, 0)
+    seen = state.seen + valid.astype(jnp.int32)
+    settled = seen > params.settle
+    low = jnp.where(settled & (probability > params.probability), state.low + 1, 0)
     sound = jnp.where(probability < params.clear_probability, state.sound + 1, 0)
     low, sound = jnp.where(valid, low, state.low), jnp.where(valid, sound, state.sound)
     alarm = jnp.where(state.alarm, sound < params.clear_hold, low >= params.hold)
     alarm = jnp.where(valid, alarm, state.alarm)
-    updated = AlarmState(deflation, level, known, alarm, low, sound)
+    updated = AlarmState(deflation, level, known, alarm, low, sound, seen)
     return updated, _output(updated, cov, probability, valid, params)
 
 

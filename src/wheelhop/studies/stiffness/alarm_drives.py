@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
@@ -11,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from wheelhop.estimators.alarm_events import detection_times
-from wheelhop.estimators.alarms import alarm_params, run_alarms
+from wheelhop.estimators.alarms import AlarmSettings, alarm_params, run_alarms
 from wheelhop.estimators.estimate_vehicle import COMMON_DRIFT, SINGLE_DRIFT
 from wheelhop.estimators.four_corners import (
     VEHICLE_TUNING,
@@ -107,19 +108,19 @@ def alarm_drives(settings: StiffnessSettings, store: Store, advance: Advance) ->
     for done, name in enumerate(names):
         wheels, loss = LOSSES.get(name, ((), 0.0))
         work = partial(_watched, name, wheels, loss, small)
-        outcome[name] = store.arrays(f"alarms_{done}", [drive_settings(small), name], work)
+        outcome[name] = store.arrays(f"beliefs_{done}", [drive_settings(small), name], work)
         advance(done + 1, len(names))
     time = outcome[names[0]]["time"]
     begin = _scaled(settings, BEGIN)
     found, accused = {}, {}
     for name, (wheels, _) in LOSSES.items():
-        alarm = outcome[name]["alarm"]
+        alarm, _ = alarms_on(name, outcome[name], settings)
         found[name] = detection_times(time, alarm, begin)[:, list(wheels)].max(axis=1)
         sound = [i for i in range(_N) if i not in wheels]
         accused[name] = np.asarray(alarm[:, :, sound].any(axis=(1, 2)))
-    sound_drives = [outcome[name] for name in names if name not in LOSSES]
-    false = np.concatenate([o["alarm"].any(axis=(1, 2)) for o in sound_drives])
-    spread = np.concatenate([o["nees"] for o in sound_drives])
+    sound_drives = [alarms_on(name, outcome[name], settings) for name in names[len(LOSSES) :]]
+    false = np.concatenate([alarm.any(axis=(1, 2)) for alarm, _ in sound_drives])
+    spread = np.concatenate([nees for _, nees in sound_drives])
     return AlarmDrives(time, found, accused, false, spread)
 
 
@@ -130,7 +131,7 @@ def _scaled(settings: StiffnessSettings, seconds: float) -> float:
 def _watched(
     name: str, wheels: tuple[int, ...], loss: float, settings: StiffnessSettings
 ) -> dict[str, np.ndarray]:
-    """Alarms of one Monte Carlo."""
+    """Beliefs of one Monte Carlo: time [time], mean and cov of ln k_t."""
     cars, t = vehicle(), times(duration_of(settings))
     runs = settings.runs
     begin, lasts = _scaled(settings, BEGIN), _scaled(settings, LASTS)
@@ -147,20 +148,43 @@ def _watched(
     measured = Accelerations(*(np.stack(entries, axis=-1) for entries in zip(*each, strict=True)))
     found = followed(_estimator(cars, settings.noise), measured, v, _KEPT_EVERY)
     mean, cov = _dense(found)
-    rng = np.random.default_rng([settings.seed, len(label), runs])
-    common, single = rng.normal(size=(runs, 1, 1)), rng.normal(size=(runs, 1, _N))
+    time = _KEPT_EVERY * _THIN / RATE * np.arange(1, mean.shape[1] + 1)
+    return {"time": time, "mean": mean, "cov": cov}
+
+
+def alarms_on(
+    name: str,
+    beliefs: dict[str, np.ndarray],
+    settings: StiffnessSettings,
+    how: AlarmSettings = AlarmSettings(),
+) -> tuple[np.ndarray, np.ndarray]:
+    """Alarms [drives, time, wheels] on drifted beliefs, and NEES at the end [drives].
+
+    Args:
+        name: of the Monte Carlo, for the drift's draws.
+        beliefs: time, mean and cov of a Monte Carlo.
+        settings: of the study.
+        how: settings of the alarms.
+    """
+    mean, cov, time = (beliefs[key] for key in ("mean", "cov", "time"))
+    rng = np.random.default_rng([settings.seed, zlib.crc32(name.encode())])
+    common, single = rng.normal(size=(len(mean), 1, 1)), rng.normal(size=(len(mean), 1, _N))
     drifted = mean + COMMON_DRIFT * common + SINGLE_DRIFT * single
     bias = COMMON_DRIFT**2 * np.ones((_N, _N)) + SINGLE_DRIFT**2 * np.eye(_N)
-    dt = _KEPT_EVERY * _THIN / RATE
-    tire = jax.tree.map(lambda *a: np.array(a, float), *(car.tire for car in cars))
+    tire = jax.tree.map(lambda *a: np.array(a, float), *(car.tire for car in vehicle()))
     params = alarm_params(
-        tire, PLACARD, wheels=_N, dt=dt, belief_walk=VEHICLE_TUNING.stiffness_walk, bias=bias
+        tire,
+        PLACARD,
+        wheels=_N,
+        dt=float(time[0]),
+        belief_walk=VEHICLE_TUNING.stiffness_walk,
+        bias=bias,
+        settings=how,
     )
     output = _alarms()(StiffnessBelief(jnp.asarray(drifted), jnp.asarray(cov)), params)
     error = drifted[:, -1] - np.asarray(params.reference)
     nees = np.einsum("ri,rij,rj->r", error, np.linalg.inv(cov[:, -1] + bias), error)
-    time = dt * np.arange(1, mean.shape[1] + 1)
-    return {"time": time, "alarm": np.asarray(output.alarm), "nees": nees}
+    return np.asarray(output.alarm), nees
 
 
 def _estimator(cars: Any, noise: float) -> Estimator:
