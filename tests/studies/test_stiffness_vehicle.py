@@ -9,15 +9,10 @@ import pytest
 from scipy.linalg import expm
 
 from wheelhop.errors import InputError
+from wheelhop.estimators import hop_band, hop_model
 from wheelhop.estimators.road_model import shaping
 from wheelhop.io.report import FAILS, HOLDS, IN_PART, OPEN
-from wheelhop.studies.stiffness import (
-    budget,
-    claims_vehicle,
-    figures_vehicle,
-    hop_band,
-    hop_model,
-)
+from wheelhop.studies.stiffness import budget, claims_vehicle, figures_vehicle
 from wheelhop.studies.stiffness.frame import QUICK, StiffnessSettings
 from wheelhop.studies.stiffness.full_vehicle import (
     FLEET,
@@ -294,7 +289,7 @@ def test_the_budget_tells_what_a_calibration_removes():
     finding = claims_vehicle.vehicle_findings(study)[-1]
     # 8 % of stiffness are more than 10 % of pressure
     assert finding.verdict == IN_PART
-    assert "dampers 20 % softer: +1" in finding.measured
+    assert "dampers 20 % softer: mean +1" in finding.measured
 
 
 def test_the_bound_knows_time_and_tracks():

@@ -19,10 +19,16 @@ from wheelhop.cli.session import (
     provenance,
     say_files,
 )
-from wheelhop.errors import InputError
+from wheelhop.errors import InputError, require_in_range
 from wheelhop.estimators.alarm_events import AlarmEvent, alarm_events
 from wheelhop.estimators.alarms import AlarmOutput
-from wheelhop.estimators.calibration import Calibration, calibrate, from_dict, to_dict
+from wheelhop.estimators.calibration import (
+    SHORTEST,
+    Calibration,
+    calibrate,
+    from_dict,
+    to_dict,
+)
 from wheelhop.estimators.changing import ChangeTuning
 from wheelhop.estimators.estimate_vehicle import (
     VehicleEstimate,
@@ -40,9 +46,13 @@ from wheelhop.plots.alarms import plot_alarms
 from wheelhop.studies.four_tyres import FourTyres, corners, simulate_four_tyres
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.record import CornerRecord
+from wheelhop.vehicle.road import class_level
 
+_DEMO = replace(VEHICLE_TUNING, prior_pressure=FourTyres().placard)
 _ROWS = 10
 _SETTLED = 10.0
+_FITTING = (0.7, 1.3)
+_PLAUSIBLE = (0.3, 1.6)
 
 
 def estimate_four(
@@ -81,15 +91,25 @@ def estimate_four(
             f"{log.name} holds only {', '.join(held)} of {', '.join(WHEELS)}",
             f"Choose one, as --corner {held[0]}.",
         )
-    known = None if calibration is None else _read_calibration(calibration)
+    require_in_range("--placard", placard / 1e3, 50.0, 1500.0, "kPa")
+    if reset is not None:
+        require_in_range("--calibrate", reset / 1e3, 50.0, 1500.0, "kPa")
+    if walk is not None:
+        require_in_range("--walk", walk, 1e-5, 1.0, "1/sqrt(s)")
     default = HOP_TUNING if method == "hop" else VEHICLE_TUNING
-    tuning = replace(default, noise_a_s=noise, noise_a_u=noise)
+    # the tyres are believed near what they should have, or are known to have
+    near = placard if reset is None else reset
+    tuning = replace(default, noise_a_s=noise, noise_a_u=noise, prior_pressure=near)
     tuning = validate_tuning(tuning if walk is None else replace(tuning, stiffness_walk=walk))
     with computing(precision):
         records = [read_log(log, units, corner) for corner in WHEELS]
         cars, names = _cars(vehicles)
+        made_for = {"method": method, "corners": [repr(car) for car in (cars[0], cars[2])]}
+        known = None if calibration is None else _read_calibration(calibration, made_for)
+        if reset is not None:
+            length = float(records[0].t[-1] - records[0].t[0])
+            require_in_range("length of the log", length, _SETTLED + SHORTEST, 1e9, "s")
         estimate, output, events = _estimate(records, cars, placard, tuning, known, method)
-        made = None if reset is None else _calibrate(estimate, cars, reset, tuning)
     settings = {
         "log": str(log),
         "vehicles": names,
@@ -108,8 +128,9 @@ def estimate_four(
         placard,
         provenance("estimate", precision, **settings),
     )
-    if made is not None and reset is not None:
-        write_json(out / "calibration.json", to_dict(made))
+    if reset is not None:
+        made = _calibrate(estimate, cars, reset, tuning)
+        write_json(out / "calibration.json", {**to_dict(made), "made_for": made_for})
         files.append("calibration.json")
         console.print(f"calibrated at {reset / 1e3:g} kPa over {made.duration:.0f} s")
     say_files(out, *files)
@@ -125,6 +146,8 @@ def demo_of_four(out: Path, road: str, duration: float, seed: int, precision: st
         seed: of roads and sensors.
         precision: of the computation.
     """
+    require_in_range("--duration", duration, 20.0, 3600.0, "s")
+    class_level(road)
     whole = FourTyres()
     share = duration / whole.duration
     leak = replace(whole.leak, begin=share * whole.leak.begin, finish=share * whole.leak.finish)
@@ -137,8 +160,8 @@ def demo_of_four(out: Path, road: str, duration: float, seed: int, precision: st
     cars = corners()
     with computing(precision):
         records = simulate_four_tyres(settings)
-        estimate, output, events = _estimate(records, cars, settings.placard, VEHICLE_TUNING, None)
-    made_by = provenance("demo", precision, study=asdict(settings), tuning=asdict(VEHICLE_TUNING))
+        estimate, output, events = _estimate(records, cars, settings.placard, _DEMO, None)
+    made_by = provenance("demo", precision, study=asdict(settings), tuning=asdict(_DEMO))
     directory = output_directory(out)
     files = _write(directory, estimate, output, events, records, settings.placard, made_by)
     write_vehicle_records(directory / "log.parquet", records, WHEELS)
@@ -188,7 +211,7 @@ def _calibrate(
     )
 
 
-def _read_calibration(path: Path) -> Calibration:
+def _read_calibration(path: Path, made_for: dict[str, Any]) -> Calibration:
     if not path.is_file():
         raise InputError("--calibration", f"there is no file {path}", "Check the path.")
     try:
@@ -200,6 +223,13 @@ def _read_calibration(path: Path) -> Calibration:
     found = from_dict(content)
     if len(found.offset) != len(WHEELS):
         raise InputError("--calibration", f"{len(found.offset)} wheels", "Calibrate four.")
+    for name, here in made_for.items():
+        if content.get("made_for", {}).get(name) != here:
+            raise InputError(
+                "--calibration",
+                f"{path} was made with another {name.removesuffix('s')}",
+                "Calibrate again with the same --method and vehicles.",
+            )
     return found
 
 
@@ -220,6 +250,9 @@ def _write(
         console.print("no alarm")
     nis = float(np.mean(estimate.nis))
     console.print(f"innovations: mean NIS {nis:.2f} ({estimate.entries} where the model fits)")
+    doubts = _doubts(nis / estimate.entries, output.pressure[-1], placard)
+    for doubt in doubts:
+        console.print(f"[yellow]warning[/] {escape(doubt)}", soft_wrap=True)
     results: dict[str, Any] = {
         "final_pressure_Pa": dict(zip(WHEELS, output.pressure[-1].tolist(), strict=True)),
         "final_pressure_sigma_Pa": dict(zip(WHEELS, output.pressure_sd[-1].tolist(), strict=True)),
@@ -227,6 +260,7 @@ def _write(
         "mean_nis": nis,
         "missing_measurements": int(estimate.missing.sum()),
         "alarms": [asdict(event) for event in events],
+        "doubts": doubts,
     }
     if truth is not None:
         late = t >= min(_SETTLED, 0.25 * t[-1])
@@ -243,6 +277,20 @@ def _write(
     write_figure(directory / "estimate.png", figure)
     write_json(directory / "summary.json", {**made_by, "results": results})
     return ["estimate.parquet", "estimate.png", "summary.json"]
+
+
+def _doubts(fit: float, pressure: np.ndarray, placard: float) -> list[str]:
+    """Reasons not to use the estimate; none where nothing speaks against it."""
+    doubts = []
+    if not _FITTING[0] < fit < _FITTING[1]:
+        doubts.append(
+            f"the innovations are {fit**0.5:.2g} times as large as the model expects: the "
+            "vehicle's parameters, the noise or the kind of road do not fit (try --method hop)"
+        )
+    for wheel, p in zip(WHEELS, pressure, strict=True):
+        if not _PLAUSIBLE[0] * placard < p < _PLAUSIBLE[1] * placard:
+            doubts.append(f"{p / 1e3:.0f} kPa is no plausible pressure of {wheel}: do not use it")
+    return doubts
 
 
 def _truth(t: np.ndarray, records: list[CornerRecord]) -> np.ndarray | None:

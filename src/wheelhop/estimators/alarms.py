@@ -266,7 +266,9 @@ def alarm_step(
     probability = _probability(level, cov, params)
     seen = state.seen + valid.astype(jnp.int32)
     settled = seen > params.settle
-    low = jnp.where(settled & (probability > params.probability), state.low + 1, 0)
+    # a belief as wide as what is tested for is the prior's, not the data's
+    judged = settled & (jnp.sqrt(jnp.diagonal(known)) < jnp.abs(params.test))
+    low = jnp.where(judged & (probability > params.probability), state.low + 1, 0)
     sound = jnp.where(probability < params.clear_probability, state.sound + 1, 0)
     low, sound = jnp.where(valid, low, state.low), jnp.where(valid, sound, state.sound)
     alarm = jnp.where(state.alarm, sound < params.clear_hold, low >= params.hold)

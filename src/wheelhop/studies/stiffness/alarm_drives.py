@@ -69,6 +69,7 @@ class AlarmDrives(NamedTuple):
             it does not come, [drives], by loss.
         accused: whether a sound wheel had an alarm, [drives], by loss.
         false: whether a drive without any loss had an alarm, [drives].
+        early: whether a drive had one before its loss, [drives].
         spread: NEES of ln k_t, the drift included, at the end of the sound drives, [drives].
     """
 
@@ -76,6 +77,7 @@ class AlarmDrives(NamedTuple):
     found: dict[str, np.ndarray]
     accused: dict[str, np.ndarray]
     false: np.ndarray
+    early: np.ndarray
     spread: np.ndarray
 
 
@@ -90,8 +92,10 @@ def duration_of(settings: StiffnessSettings) -> float:
 
 
 def hours(result: AlarmDrives) -> float:
-    """Of sound drives [h]."""
-    return float(len(result.false) * result.time[-1] / 3600.0)
+    """Without a loss: of sound drives, and of the others before their loss [h]."""
+    whole = float(result.time[-1])
+    before = len(result.early) * BEGIN / DURATION * whole
+    return (len(result.false) * whole + before) / 3600.0
 
 
 def alarm_drives(settings: StiffnessSettings, store: Store, advance: Advance) -> AlarmDrives:
@@ -112,16 +116,18 @@ def alarm_drives(settings: StiffnessSettings, store: Store, advance: Advance) ->
         advance(done + 1, len(names))
     time = outcome[names[0]]["time"]
     begin = _scaled(settings, BEGIN)
-    found, accused = {}, {}
+    found, accused, early = {}, {}, []
     for name, (wheels, _) in LOSSES.items():
         alarm, _ = alarms_on(name, outcome[name], settings)
-        found[name] = detection_times(time, alarm, begin)[:, list(wheels)].max(axis=1)
+        early.append(alarm[:, time < begin].any(axis=(1, 2)))
+        late = alarm & ~alarm[:, [int(np.argmax(time >= begin)) - 1]]
+        found[name] = detection_times(time, late, begin)[:, list(wheels)].max(axis=1)
         sound = [i for i in range(_N) if i not in wheels]
         accused[name] = np.asarray(alarm[:, :, sound].any(axis=(1, 2)))
     sound_drives = [alarms_on(name, outcome[name], settings) for name in names[len(LOSSES) :]]
     false = np.concatenate([alarm.any(axis=(1, 2)) for alarm, _ in sound_drives])
     spread = np.concatenate([nees for _, nees in sound_drives])
-    return AlarmDrives(time, found, accused, false, spread)
+    return AlarmDrives(time, found, accused, false, np.concatenate(early), spread)
 
 
 def _scaled(settings: StiffnessSettings, seconds: float) -> float:

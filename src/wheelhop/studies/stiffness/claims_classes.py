@@ -77,7 +77,10 @@ def _why_bound(best: np.ndarray, wanted: float) -> str:
         f"{best.min() / 1e3:.1f} and {best.max() / 1e3:.1f} kPa"
     )
     if above:
-        return f"{text}, above 7 kPa in {above} of 12: there no estimator can meet it. "
+        return (
+            f"{text}, above 7 kPa in {above} of 12: there no estimator without more prior "
+            "knowledge can meet it. "
+        )
     return f"{text}. "
 
 
