@@ -50,7 +50,7 @@ def _release_compiled_code():
 
 
 @pytest.fixture(scope="session")
-def stages_as_users_compile():
+def stages_as_users_compile(as_users_compile):
     """Context in which `staged_jit` compiles with XLA's defaults, and the options `jit` needs."""
     from wheelhop import staging
 
@@ -60,7 +60,7 @@ def stages_as_users_compile():
 
     @contextmanager
     def context():
-        options = AS_USERS if os.environ.get("XLA_FLAGS") else {}
+        options = as_users_compile
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(staging, "_OPTIONS", staging._OPTIONS | options)
             forget()
@@ -68,6 +68,12 @@ def stages_as_users_compile():
         forget()
 
     return context
+
+
+@pytest.fixture(scope="session")
+def as_users_compile():
+    """Options with which `jax.jit` compiles as for a user, where rounding is under test."""
+    return AS_USERS if os.environ.get("XLA_FLAGS") else {}
 
 
 @pytest.fixture

@@ -57,8 +57,10 @@ def test_a_lane_change_writes_everything_and_one_corner_is_estimated(work):
         assert 10_000 < (work / "drive" / name).stat().st_size < 3_000_000
 
     log = work / "drive" / "log.parquet"
-    said = call("estimate", log, "--out", "result", status=2)
-    assert "holds the corners FL, FR, RL, RR" in said
+    said = call("estimate", log, "--out", "all")
+    assert "warning" in said  # a rough road, a lane change and wrong dampers are no quarter cars
+    final = summary(work / "all")["results"]["final_pressure_Pa"]
+    assert min(final, key=final.get) == "RL"
     said = call("estimate", log, "--corner", "RL", "--out", "result", status=2)
     assert "wheelhop vehicle --axle rear" in said
     said = call("estimate", log, "--corner", "FL", "--out", "result")

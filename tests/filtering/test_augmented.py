@@ -22,14 +22,15 @@ RULES = {"cubature": cubature, "uneven": scaled(0.5, 2.0, 1.0), "Gauss-Hermite":
 
 
 @pytest.mark.parametrize("rule", RULES)
-def test_additive_noise_gives_the_kalman_filter(rule):
+def test_additive_noise_gives_the_kalman_filter(rule, as_users_compile):
     assert np.linalg.matrix_rank(Q) == 1
     _, ys = sample(0, 40)
     ys[7] = np.nan
     ys[9, 1] = np.nan
     filter = augmented(augmented_linear_model(), RULES[rule])
     prior = gaussian(Track(*MEAN), jnp.asarray(COV))
-    trajectory = drive.run(filter, prior, Sensors(*jnp.asarray(ys.T)), 1.0)
+    run = jax.jit(lambda ys: drive.run(filter, prior, ys, 1.0), compiler_options=as_users_compile)
+    trajectory = run(Sensors(*jnp.asarray(ys.T)))
     means, covs, log_likelihood = kalman(ys)
     mean, cov = dense(trajectory.state)
     np.testing.assert_allclose(mean, means, atol=1e-11)

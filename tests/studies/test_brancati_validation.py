@@ -197,7 +197,9 @@ def test_every_contender_is_made_for_every_convention():
         assert len(made) == len(CONTENDERS)
         assert len({c.name for c in made}) == len(made)
         for candidate, contender in zip(made, CONTENDERS, strict=True):
-            assert len(candidate.modes) == (4 if contender.parent is None else 1)
+            # without classes, the modes are what changes
+            over_all = 4 if candidate.knobs else 3
+            assert len(candidate.modes) == (over_all if contender.parent is None else 1)
 
 
 def test_truth_is_the_papers_line():
@@ -287,7 +289,7 @@ def replace_name(filter, name):
 
 @pytest.fixture(scope="module")
 def good_study(filters):
-    return study_of(filters, ["printed", "corrected", "printed, A", "corrected, A"])
+    return study_of(filters, ["printed", "corrected", "printed, A", "corrected, A", "likelihood"])
 
 
 def verdicts(findings):
@@ -295,7 +297,7 @@ def verdicts(findings):
 
 
 def test_a_filter_that_finds_the_truth_meets_the_claims_of_accuracy(good_study):
-    assert over_all(good_study) == ["printed", "corrected"]
+    assert over_all(good_study) == ["printed", "corrected", "likelihood"]
     found = verdicts(case_findings(good_study))
     for words in (
         "On a class A road the estimate",

@@ -143,13 +143,14 @@ def _against_single(study: Validation) -> Finding:
 def _against_floor(study: Validation, names: list[str]) -> Finding:
     def say(result: ConventionResult, name: str) -> tuple[str, bool]:
         figures = result.monte_carlo.figures
-        before = result.untuned_monte_carlo.figures[name + UNTUNED]
+        before = result.untuned_monte_carlo.figures.get(name + UNTUNED)
         gain = result.monte_carlo.gain(name, FLOOR)
         text = (
             f"{rmse_text(figures[name])} against {kpa(figures[FLOOR].final_rmse.value)} of a "
-            f"constant 180 kPa: {gain_text(gain)} (before tuning "
-            f"{kpa(before.final_rmse.value)})"
+            f"constant 180 kPa: {gain_text(gain)}"
         )
+        if before is not None:
+            text += f" (before tuning {kpa(before.final_rmse.value)})"
         return text, gain.low > 0
 
     text, passed = judged(study, names, say)
