@@ -129,7 +129,7 @@ def test_an_alarm_waits_and_stays_until_the_tyre_is_surely_sound():
     assert (off[0] - on[0]) * DT == pytest.approx(3.5)
     assert (off[1] - on[1]) * DT == pytest.approx(19.5)
     # what is raised above one bound is cleared below another
-    assert quick.probability[on[0] + 1, 0] > 0.98
+    assert quick.probability[on[0] + 1, 0] > AlarmSettings().probability
     assert quick.probability[on[1] + 1, 0] < 0.5
     assert (quick.probability[on[1] - 5 : on[1], 0] > 0.5).all()
 
