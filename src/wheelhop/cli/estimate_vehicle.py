@@ -10,11 +10,10 @@ from typing import Any
 import jax
 import numpy as np
 
+from wheelhop.cli.estimate_vehicle_report import write_estimate
 from wheelhop.cli.session import (
     computing,
     console,
-    escape,
-    headed_table,
     progress_bar,
     provenance,
     say_files,
@@ -40,19 +39,15 @@ from wheelhop.estimators.four_corners import VEHICLE_TUNING, WHEELS
 from wheelhop.estimators.hop_band import HOP_TUNING
 from wheelhop.estimators.stiffness import StiffnessTuning, validate_tuning
 from wheelhop.io.logs import corners_of_log, read_log, write_vehicle_records
-from wheelhop.io.results import output_directory, write_figure, write_json, write_table
+from wheelhop.io.results import output_directory, write_json
 from wheelhop.io.vehicles import read_vehicle
-from wheelhop.plots.alarms import plot_alarms
 from wheelhop.studies.four_tyres import FourTyres, corners, simulate_four_tyres
 from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.record import CornerRecord
 from wheelhop.vehicle.road import class_level
 
 _DEMO = replace(VEHICLE_TUNING, prior_pressure=FourTyres().placard)
-_ROWS = 10
 _SETTLED = 10.0
-_FITTING = (0.7, 1.3)
-_PLAUSIBLE = (0.3, 1.6)
 
 
 def estimate_four(
@@ -119,7 +114,7 @@ def estimate_four(
         "tuning": asdict(tuning),
         "changes": asdict(ChangeTuning()),
     }
-    files = _write(
+    files = write_estimate(
         output_directory(out),
         estimate,
         output,
@@ -163,7 +158,7 @@ def demo_of_four(out: Path, road: str, duration: float, seed: int, precision: st
         estimate, output, events = _estimate(records, cars, settings.placard, _DEMO, None)
     made_by = provenance("demo", precision, study=asdict(settings), tuning=asdict(_DEMO))
     directory = output_directory(out)
-    files = _write(directory, estimate, output, events, records, settings.placard, made_by)
+    files = write_estimate(directory, estimate, output, events, records, settings.placard, made_by)
     write_vehicle_records(directory / "log.parquet", records, WHEELS)
     say_files(directory, *files, "log.parquet")
 
@@ -231,111 +226,3 @@ def _read_calibration(path: Path, made_for: dict[str, Any]) -> Calibration:
                 "Calibrate again with the same --method and vehicles.",
             )
     return found
-
-
-def _write(
-    directory: Path,
-    estimate: VehicleEstimate,
-    output: AlarmOutput,
-    events: list[AlarmEvent],
-    records: list[CornerRecord],
-    placard: float,
-    made_by: dict[str, Any],
-) -> list[str]:
-    t, truth = estimate.t, _truth(estimate.t, records)
-    console.print(_table(t, output, truth))
-    for event in events:
-        console.print(f"[bold red]alarm[/] {escape(event.words)}", soft_wrap=True)
-    if not events:
-        console.print("no alarm")
-    nis = float(np.mean(estimate.nis))
-    console.print(f"innovations: mean NIS {nis:.2f} ({estimate.entries} where the model fits)")
-    doubts = _doubts(nis / estimate.entries, output.pressure[-1], placard)
-    for doubt in doubts:
-        console.print(f"[yellow]warning[/] {escape(doubt)}", soft_wrap=True)
-    results: dict[str, Any] = {
-        "final_pressure_Pa": dict(zip(WHEELS, output.pressure[-1].tolist(), strict=True)),
-        "final_pressure_sigma_Pa": dict(zip(WHEELS, output.pressure_sd[-1].tolist(), strict=True)),
-        "final_road_level_m3_per_rad": float(estimate.level[-1]),
-        "mean_nis": nis,
-        "missing_measurements": int(estimate.missing.sum()),
-        "alarms": [asdict(event) for event in events],
-        "doubts": doubts,
-    }
-    if truth is not None:
-        late = t >= min(_SETTLED, 0.25 * t[-1])
-        error = (output.pressure - truth)[late]
-        results["rms_error_Pa"] = np.sqrt(np.mean(error**2, axis=0)).tolist()
-        worst = max(results["rms_error_Pa"])
-        console.print(
-            f"against the truth after {t[late][0]:.0f} s: rms error "
-            f"{np.sqrt(np.mean(error**2)) / 1e3:.1f} kPa over all wheels, {worst / 1e3:.1f} kPa "
-            "of the worst"
-        )
-    write_table(directory / "estimate.parquet", *_columns(estimate, output, truth))
-    figure = plot_alarms(t, output.pressure, output.pressure_sd, placard, events, truth=truth)
-    write_figure(directory / "estimate.png", figure)
-    write_json(directory / "summary.json", {**made_by, "results": results})
-    return ["estimate.parquet", "estimate.png", "summary.json"]
-
-
-def _doubts(fit: float, pressure: np.ndarray, placard: float) -> list[str]:
-    """Reasons not to use the estimate; none where nothing speaks against it."""
-    doubts = []
-    if not _FITTING[0] < fit < _FITTING[1]:
-        doubts.append(
-            f"the innovations are {fit**0.5:.2g} times as large as the model expects: the "
-            "vehicle's parameters, the noise or the kind of road do not fit (try --method hop)"
-        )
-    for wheel, p in zip(WHEELS, pressure, strict=True):
-        if not _PLAUSIBLE[0] * placard < p < _PLAUSIBLE[1] * placard:
-            doubts.append(f"{p / 1e3:.0f} kPa is no plausible pressure of {wheel}: do not use it")
-    return doubts
-
-
-def _truth(t: np.ndarray, records: list[CornerRecord]) -> np.ndarray | None:
-    if any(r.pressure is None or not np.isfinite(r.pressure).all() for r in records):
-        return None
-    return np.stack([np.interp(t, r.t, np.asarray(r.pressure)) for r in records], axis=-1)
-
-
-def _table(t: np.ndarray, output: AlarmOutput, truth: np.ndarray | None) -> Any:
-    head = [f"{w} [kPa]" for w in WHEELS]
-    table = headed_table("time [s]", *head, "alarm", title="tyre pressure, +- one sigma")
-    for column in table.columns:
-        column.justify = "right"
-    for k in np.unique(np.linspace(0, len(t) - 1, _ROWS + 1).round().astype(int)[1:]):
-        cells = [
-            f"{output.pressure[k, i] / 1e3:.0f} +- {output.pressure_sd[k, i] / 1e3:.0f}"
-            + ("" if truth is None else f" (true {truth[k, i] / 1e3:.0f})")
-            for i in range(len(WHEELS))
-        ]
-        on = ", ".join(w for w, a in zip(WHEELS, output.alarm[k], strict=True) if a) or "-"
-        table.add_row(f"{t[k]:.1f}", *cells, on)
-    return table
-
-
-def _columns(
-    estimate: VehicleEstimate, output: AlarmOutput, truth: np.ndarray | None
-) -> tuple[dict[str, Any], dict[str, str]]:
-    columns: dict[str, Any] = {"t": estimate.t}
-    units = {"t": "s", "level": "m^3/rad", "level_sigma": "1", "nis": "1"}
-    for i, wheel in enumerate(WHEELS):
-        columns |= {
-            f"pressure_{wheel}": output.pressure[:, i],
-            f"pressure_sigma_{wheel}": output.pressure_sd[:, i],
-            f"ln_stiffness_{wheel}": np.asarray(estimate.stiffness.mean)[:, i],
-            f"loss_probability_{wheel}": output.probability[:, i],
-            f"alarm_{wheel}": output.alarm[:, i].astype(np.int32),
-        }
-        units |= {f"pressure_{wheel}": "Pa", f"pressure_sigma_{wheel}": "Pa"}
-        units |= {f"ln_stiffness_{wheel}": "1", f"loss_probability_{wheel}": "1"}
-        units |= {f"alarm_{wheel}": "1"}
-        if truth is not None:
-            columns[f"true_pressure_{wheel}"] = truth[:, i]
-            units[f"true_pressure_{wheel}"] = "Pa"
-    columns |= {"level": estimate.level, "level_sigma": estimate.level_sigma, "nis": estimate.nis}
-    for k, mode in enumerate(estimate.modes):
-        columns[f"probability_{mode}"] = estimate.mode_probabilities[:, k]
-        units[f"probability_{mode}"] = "1"
-    return columns, units
