@@ -95,7 +95,7 @@ def run_compiled(
     Results and arguments as `run`, several times faster for a single record; call it at top level,
     not inside `jit`, `vmap` or `grad`. For many records see `run_batch`.
     """
-    return _compiled_piece(filter, bind, keep)(state, ys, inputs, params)[1]
+    return _compiled_piece(filter, bind, keep, True)(state, ys, inputs, params)[1]
 
 
 def log_likelihood(
