@@ -11,8 +11,7 @@ from jaxtyping import Bool, Float
 
 from wheelhop.errors import InputError
 from wheelhop.estimators.alarms import LEVELS, AlarmOutput
-
-WHEELS = ("FL", "FR", "RL", "RR")
+from wheelhop.estimators.four_corners import WHEELS
 
 _RULES = {0.15: "early level", 0.20: "UN R64/R141", 0.25: "FMVSS 138"}
 _NAMES = {"FL": "front left", "FR": "front right", "RL": "rear left", "RR": "rear right"}

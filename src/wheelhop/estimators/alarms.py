@@ -21,7 +21,7 @@ of each, pressure lost at once, 450 drives: share found within 60 s, median time
     1 tyre, 15 %                  1.00, 10.0 s    1.00,  9.0 s    1.00,  8.0 s
     3 tyres, 15 %                 0.97, 20.0 s    0.99, 18.5 s    0.99, 16.5 s
     4 tyres, 20 %                 0.85, 33.5 s    0.88, 31.0 s    0.94, 28.0 s
-    drives with a false alarm     0 in 600 h      0 in 600 h      11 in 600 h
+    drives with a false alarm     0 in 600 h      1 in 600 h      11 in 600 h
 
 Walks of 0.006 and 0.012 find four tyres in 0.79 and 0.87 of the drives at 0.98. Four tyres have
 only their absolute stiffness: the drift limits them. On beliefs of the filter itself, which are

@@ -10,7 +10,8 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from wheelhop.errors import InputError
-from wheelhop.estimators.alarm_events import WHEELS, AlarmEvent
+from wheelhop.estimators.alarm_events import AlarmEvent
+from wheelhop.estimators.four_corners import WHEELS
 from wheelhop.plots.style import ALERT, BAND, ESTIMATE, MUTED, TRUTH
 
 _NAMES = {"FL": "front left", "FR": "front right", "RL": "rear left", "RR": "rear right"}

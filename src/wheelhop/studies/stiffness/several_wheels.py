@@ -17,6 +17,7 @@ from wheelhop.estimators.four_corners import (
 )
 from wheelhop.estimators.stiffness import read_theta
 from wheelhop.evaluation.bounds import bound, pooled
+from wheelhop.studies.four_tyres import corners
 from wheelhop.studies.stiffness.frame import (
     PRESSURES,
     RATE,
@@ -34,7 +35,7 @@ from wheelhop.studies.stiffness.runs import (
     ln_sigma,
 )
 from wheelhop.studies.stiffness.truth import Drives, levels, simulated, speeds, times, uniform
-from wheelhop.vehicle.parameters import QuarterCar, brancati_suv
+from wheelhop.vehicle.parameters import QuarterCar
 from wheelhop.vehicle.quarter_car import Accelerations
 from wheelhop.vehicle.tire import stiffness_from_pressure
 
@@ -117,8 +118,7 @@ def several_wheels(settings: StiffnessSettings, store: Store, advance: Advance) 
 
 def vehicle() -> tuple[QuarterCar, ...]:
     """The corners FL, FR, RL, RR."""
-    front, rear = brancati_suv("front"), brancati_suv("rear")
-    return front, front, rear, rear
+    return corners()
 
 
 def four_estimator(cars: tuple[QuarterCar, ...], noise: float) -> Estimator:
