@@ -18,6 +18,7 @@ from wheelhop.evaluation.spectra import IsoRoad, corner_spectrum
 from wheelhop.filtering import Filter
 from wheelhop.filtering.interface import Info
 from wheelhop.io.report import FAILS, HOLDS, IN_PART
+from wheelhop.studies.frame import Store
 from wheelhop.studies.stiffness import (
     axle_pairs,
     claims,
@@ -31,7 +32,7 @@ from wheelhop.studies.stiffness.claims_classes import class_findings
 from wheelhop.studies.stiffness.claims_pairs import median_ratio, pair_findings, pair_nees
 from wheelhop.studies.stiffness.continuous import Continuous, Track
 from wheelhop.studies.stiffness.exact_classes import CASES, ROAD_CHANGES, ExactClasses, lag
-from wheelhop.studies.stiffness.frame import QUICK, StiffnessSettings, Store
+from wheelhop.studies.stiffness.frame import QUICK, StiffnessSettings
 from wheelhop.studies.stiffness.pair_truth import WHEELBASE, pair_drives, simulated_pair
 from wheelhop.studies.stiffness.report import write_stiffness_study
 from wheelhop.studies.stiffness.runs import (

@@ -12,6 +12,7 @@ import typer
 from wheelhop.cli.estimate import road_classes
 from wheelhop.cli.reproduce_brancati import brancati_validation
 from wheelhop.cli.reproduce_options import ReproduceOptions, Reproduction
+from wheelhop.cli.reproduce_solmaz import solmaz
 from wheelhop.cli.reproduce_stiffness import stiffness
 from wheelhop.cli.session import (
     Precision,
@@ -37,7 +38,7 @@ from wheelhop.studies.brancati.records import drive_classes, stored_drives
 
 @command
 def reproduce(
-    paper: Annotated[str, typer.Argument(help="What: brancati or stiffness.")],
+    paper: Annotated[str, typer.Argument(help="What: brancati, solmaz or stiffness.")],
     table: Annotated[
         int | None, typer.Option(help="Number of a table; without it the whole validation.")
     ] = None,
@@ -63,6 +64,9 @@ def reproduce(
     --table 3 the identification alone. Drives of the identification, tunings and Monte Carlo runs
     are kept in OUT, and the same command resumes an interrupted run.
 
+    solmaz: which tyre went soft, in a corner: figures 5 to 7 of Solmaz's switched two-track models
+    as printed, and what noise and bias of the sensors do to them.
+
     stiffness: the estimator of this package against the Cramer-Rao bound, on exact classes, on
     roads of any roughness, over four corners and over an axle pair.
 
@@ -70,7 +74,7 @@ def reproduce(
 
     Others: wheelhop reproduce brancati --runs 10000 --out brancati;
     wheelhop reproduce brancati --table 3 --out table3;
-    wheelhop reproduce stiffness --out stiffness
+    wheelhop reproduce solmaz --out solmaz; wheelhop reproduce stiffness --out stiffness
     """
     chosen = _chosen(paper, table)
     name = f"wheelhop-{paper}" if table is None else f"wheelhop-{paper}-table-{table}"
@@ -119,6 +123,7 @@ def brancati_table_3(options: ReproduceOptions, out: Path) -> None:
 
 REPRODUCTIONS: dict[str, dict[int | None, Reproduction]] = {
     "brancati": {None: brancati_validation, 3: brancati_table_3},
+    "solmaz": {None: solmaz},
     "stiffness": {None: stiffness},
 }
 """What can be reproduced by paper: tables by number, and under None the whole."""

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from wheelhop.cli.findings import print_findings
 from wheelhop.cli.reproduce_options import ReproduceOptions
 from wheelhop.cli.session import (
     computing,
     console,
-    escape,
-    headed_table,
     progress_bar,
     provenance,
     say_files,
 )
 from wheelhop.errors import InputError
-from wheelhop.io.report import Finding
 from wheelhop.io.results import output_directory
 from wheelhop.studies.stiffness.frame import QUICK, StiffnessSettings
 from wheelhop.studies.stiffness.report import write_stiffness_study
@@ -79,11 +76,3 @@ def settings_of(options: ReproduceOptions) -> StiffnessSettings:
 def expected_minutes(settings: StiffnessSettings) -> float:
     """About how long it takes on two cores."""
     return (_FIXED + _PER_RUN * settings.runs) / 60.0
-
-
-def print_findings(findings: Sequence[Finding]) -> None:
-    """Every claim, what was measured and the verdict."""
-    table = headed_table("target", "measured", "verdict", title="What was to be shown")
-    for finding in findings:
-        table.add_row(*(escape(t) for t in (finding.claim, finding.measured, finding.verdict)))
-    console.print(table)

@@ -65,7 +65,7 @@ def _take(tires: Sequence[Any], column: np.ndarray) -> Any:
 
 
 def mode_names(levels: int = 2) -> tuple[str, ...]:
-    """What every mode says, in their order: "FL", "FL+RR", "none"; with the level if there are more.
+    """What every mode says, in order: "FL", "FL+RR", "none"; with the level if there are several.
 
     Args:
         levels: number of levels of each tyre.
@@ -95,5 +95,11 @@ def soft_probability(probabilities: Any, levels: int = 2) -> Any:
 
 
 def mode_of(soft: Sequence[bool]) -> int:
-    """Index, from zero, of the mode of two levels with these tyres soft, FL, FR, RL, RR."""
+    """Index, from zero, of the mode of two levels with these tyres soft, FL, FR, RL, RR.
+
+    Raises:
+        InputError: unless there are four.
+    """
+    if len(soft) != len(CORNERS):
+        raise InputError("soft", f"{len(soft)} tyres", "Say of four tyres whether they are soft.")
     return int(sum(0 if s else 2 ** (3 - k) for k, s in enumerate(soft)))

@@ -24,6 +24,7 @@ from wheelhop.vehicle.two_track import (
     lateral_motion,
     wheel_loads,
 )
+from wheelhop.vehicle.two_track import validate as validate_car
 
 
 class LateralSample(NamedTuple):
@@ -54,8 +55,10 @@ class SwitchTuning:
         acceleration_scale: of the error's first entry [m/s^2]; 1 as printed.
         yaw_rate_scale: of its second [rad/s]; 1 as printed.
         hysteresis: a model is left only for one cheaper by this share [-]; 0 as printed.
+        gate: size of the measured lateral acceleration [m/s^2] below which nothing is learnt and
+            no model is chosen; 0 as printed. Driving straight ahead, all models are equal.
         side_slip_gain: of the observer, share of the measured acceleration in the side slip's rate
-            [-]: 1 integrates the sensors as Eq. 10 does and drifts with their bias, 0 the model.
+            [-]: 0 runs the model alone.
         yaw_rate_gain: of the observer [1/s].
     """
 
@@ -65,8 +68,23 @@ class SwitchTuning:
     acceleration_scale: Any = 1.0
     yaw_rate_scale: Any = 1.0
     hysteresis: Any = 0.0
+    gate: Any = 0.0
     side_slip_gain: Any = 0.5
     yaw_rate_gain: Any = 1.0
+
+
+STEADY_TUNING = SwitchTuning(
+    forgetting=0.05,
+    acceleration_scale=0.05,
+    yaw_rate_scale=2e-3,
+    hysteresis=0.1,
+    gate=0.3,
+    side_slip_gain=0.1,
+)
+"""For sensors with noise: errors in units of it, and no opinion while driving straight ahead."""
+
+SLOWEST = 3.0
+"""Speed [m/s] below which a vehicle is taken to roll straight and nothing is learnt."""
 
 
 @jax.tree_util.register_dataclass
@@ -119,6 +137,7 @@ class SwitchedInfo(NamedTuple):
         cornering_stiffness: S / alpha of the selected model's tyres [N/rad], `Wheels` (Eq. 15).
         overloaded: number of the selected model's tyres on which the law's guard acts.
         missing: number of sensors without a sample; such a time costs nothing.
+        learning: whether this sample counted: complete, fast enough, cornering beyond the gate.
     """
 
     cost: Any
@@ -128,6 +147,7 @@ class SwitchedInfo(NamedTuple):
     cornering_stiffness: Wheels
     overloaded: Any
     missing: Any
+    learning: Any
 
 
 class Switched(NamedTuple):
@@ -163,7 +183,7 @@ def switched(slip: str = "observer", printed: bool = False, law: TireLaw = ARCTA
             return lateral_motion(x, u, load, tires, params.car, 1.0, law, printed)
 
         if integrated:
-            beta, rate = beta, jnp.broadcast_to(y.yaw_rate, rate.shape)
+            rate = jnp.broadcast_to(y.yaw_rate, rate.shape)
         return jax.vmap(one)(beta, rate, params.tires)
 
     def shown(found: LateralMotion, params: SwitchedParams) -> Any:
@@ -188,7 +208,7 @@ def switched(slip: str = "observer", printed: bool = False, law: TireLaw = ARCTA
         modes = jax.tree.leaves(params.tires)[0].shape[0]
         none = jnp.zeros(modes, jnp.result_type(float))
         zero = none[0]
-        straight = LateralSample(zero, zero + 1.0, zero, zero)
+        straight = LateralSample(zero, zero, zero, zero)
         last = jnp.asarray(modes - 1)
         return SwitchedState(none, none, none, none, last, straight, (none, none))
 
@@ -201,32 +221,33 @@ def switched(slip: str = "observer", printed: bool = False, law: TireLaw = ARCTA
         y = LateralSample(
             *(jnp.where(gone, b, a) for gone, a, b in zip(lost, y, state.last, strict=True))
         )
+        rolls = y.speed >= SLOWEST
+        received, y = y, y._replace(speed=jnp.maximum(y.speed, SLOWEST))
         # Heun's rule: the sensors are known at both ends of the interval
-        guess = tuple(
-            x + dt * slope
-            for x, slope in zip((state.side_slip, state.yaw_rate), state.rates, strict=True)
-        )
-        ahead = rates(*guess, y, motion(*guess, y, params), params)
-        beta, rate = (
-            x + 0.5 * dt * (a + b)
-            for x, a, b in zip((state.side_slip, state.yaw_rate), state.rates, ahead, strict=True)
-        )
+        beta = state.side_slip + dt * state.rates[0]
+        rate = state.yaw_rate + dt * state.rates[1]
+        ahead = rates(beta, rate, y, motion(beta, rate, y, params), params)
+        beta = jnp.where(rolls, state.side_slip + 0.5 * dt * (state.rates[0] + ahead[0]), 0.0)
+        rate = jnp.where(rolls, state.yaw_rate + 0.5 * dt * (state.rates[1] + ahead[1]), 0.0)
         found = motion(beta, rate, y, params)
+        learning = rolls & (missing == 0) & (jnp.abs(y.lateral_acceleration) >= tuning.gate)
         e_a = (y.lateral_acceleration - shown(found, params)) / tuning.acceleration_scale
         e_r = (y.yaw_rate - rate) / tuning.yaw_rate_scale
-        error = jnp.where(missing > 0, 0.0, jnp.hypot(e_a, e_r))
+        error = jnp.where(learning, jnp.hypot(e_a, e_r), 0.0)
         decay = jnp.exp(-tuning.forgetting * dt)
-        integral = decay * state.integral + 0.5 * dt * (decay * state.error + error)
+        grown = decay * state.integral + 0.5 * dt * (decay * state.error + error)
+        integral = jnp.where(learning | (tuning.gate <= 0.0), grown, state.integral)
         cost = tuning.instantaneous * error + tuning.cumulative * integral
         best = jnp.argmin(cost)
         cheaper = cost[best] < (1.0 - tuning.hysteresis) * cost[state.selected]
-        chosen = jnp.where((missing == 0) & cheaper, best, state.selected)
+        chosen = jnp.where(learning & cheaper, best, state.selected)
         tires = jax.tree.map(lambda leaf: leaf[chosen], params.tires)
         stiffness, overloaded = _of_the_chosen(found, chosen, tires, law)
-        slopes = rates(beta, rate, y, found, params)
-        after = SwitchedState(beta, rate, integral, error, chosen, y, slopes)
+        turning, yawing = rates(beta, rate, y, found, params)
+        slopes = (jnp.where(rolls, turning, 0.0), jnp.where(rolls, yawing, 0.0))
+        after = SwitchedState(beta, rate, integral, error, chosen, received, slopes)
         return after, SwitchedInfo(
-            cost, chosen, shown(found, params), rate, stiffness, overloaded, missing
+            cost, chosen, shown(found, params), rate, stiffness, overloaded, missing, learning
         )
 
     return Switched(init, step)
@@ -235,7 +256,7 @@ def switched(slip: str = "observer", printed: bool = False, law: TireLaw = ARCTA
 def _of_the_chosen(
     found: LateralMotion, chosen: Any, tires: Wheels, law: TireLaw
 ) -> tuple[Wheels, Any]:
-    """Secant stiffnesses of one model's tyres, their slope where there is no slip; guards acting."""
+    """Secant stiffnesses of one model's tyres, the slope where nothing slips; guards acting."""
     stiffness, guarded = [], []
     for slips, loads, tire in zip(found.slip_angle, found.load, tires, strict=True):
         slip, load = slips[chosen], jnp.broadcast_to(loads, slips.shape)[chosen]
@@ -244,6 +265,18 @@ def _of_the_chosen(
         stiffness.append(law.force(slip, load, tire, 1.0) / slip)
         guarded.append(law.overloaded(load, tire).astype(jnp.int32))
     return Wheels(*stiffness), sum(guarded[1:], guarded[0])
+
+
+def validate_params(params: SwitchedParams) -> SwitchedParams:
+    """The same parameters, checked; for plain numbers.
+
+    Raises:
+        InputError: naming the parameter that is out of range.
+    """
+    validate_car(params.car)
+    require_in_range("dt", params.dt, 1e-5, 0.5, "s")
+    validate_tuning(params.tuning)
+    return params
 
 
 def validate_tuning(tuning: SwitchTuning) -> SwitchTuning:
@@ -257,6 +290,7 @@ def validate_tuning(tuning: SwitchTuning) -> SwitchTuning:
         ("cumulative", 1e6, "1/s"),
         ("forgetting", 1e3, "1/s"),
         ("hysteresis", 0.99, "(no unit)"),
+        ("gate", 20.0, "m/s^2"),
         ("side_slip_gain", 1.0, "(no unit)"),
         ("yaw_rate_gain", 1e3, "1/s"),
     ):

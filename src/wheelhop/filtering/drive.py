@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from wheelhop.filtering.interface import Filter, Info, Named, Params, State
+from wheelhop.filtering.interface import Filter, Info, Named, Params, Recursion, State
 from wheelhop.staging import native_jit, staged_jit
 
 Bind = Callable[[Params, Any], Params]
@@ -43,7 +43,7 @@ def constant_params(params: Params, inputs: Any) -> Params:
 
 
 def scan(
-    filter: Filter,
+    filter: Recursion,
     state: State,
     ys: Named,
     params: Params,
@@ -55,7 +55,7 @@ def scan(
     """Filter a record and return the final state too.
 
     Args:
-        filter: any `Filter`.
+        filter: any `Filter`, or another `Recursion`.
         state: state one sampling interval before the first sample.
         ys: measurements, every entry [time].
         params: the filter's parameters.
@@ -75,7 +75,7 @@ def scan(
     return jax.lax.scan(body, state, (ys, inputs))
 
 
-def run(filter: Filter, state: State, ys: Named, params: Params, **options: Any) -> Any:
+def run(filter: Recursion, state: State, ys: Named, params: Params, **options: Any) -> Any:
     """Filter a record; as `scan`, without the final state."""
     return scan(filter, state, ys, params, **options)[1]
 

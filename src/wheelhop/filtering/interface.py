@@ -12,7 +12,7 @@ That layout is what `run_batch` uses, because it is the fast one.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -105,6 +105,15 @@ class Filter(NamedTuple):
     init: Callable[[Any, Params], State]
     step: Callable[[State, Named, Params], tuple[State, Info]]
     mix: Callable[[Any, State], State]
+
+
+@runtime_checkable
+class Recursion(Protocol):
+    """Anything that steps through a record: a `Filter`, or an estimator that is no filter."""
+
+    @property
+    def step(self) -> Callable[[State, Named, Params], tuple[State, Any]]:
+        """(state, y, params) -> (state, report)."""
 
 
 def all_finite(tree: Any) -> Any:

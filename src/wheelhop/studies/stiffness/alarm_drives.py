@@ -24,13 +24,8 @@ from wheelhop.estimators.four_corners import (
 )
 from wheelhop.estimators.pressure import StiffnessBelief
 from wheelhop.estimators.stiffness import read_theta
-from wheelhop.studies.stiffness.frame import (
-    RATE,
-    Advance,
-    StiffnessSettings,
-    Store,
-    drive_settings,
-)
+from wheelhop.studies.frame import Advance, Store
+from wheelhop.studies.stiffness.frame import RATE, StiffnessSettings, drive_settings
 from wheelhop.studies.stiffness.runs import Estimator, followed
 from wheelhop.studies.stiffness.several_wheels import vehicle
 from wheelhop.studies.stiffness.truth import Drives, levels, simulated, speeds, times

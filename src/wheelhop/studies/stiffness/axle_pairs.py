@@ -19,14 +19,8 @@ from wheelhop.estimators.stiffness import bind_speed
 from wheelhop.evaluation.bounds import bound, pair_information
 from wheelhop.evaluation.linearisation import linearised
 from wheelhop.evaluation.spectra import IsoRoad
-from wheelhop.studies.stiffness.frame import (
-    RATE,
-    SPEEDS,
-    Advance,
-    StiffnessSettings,
-    Store,
-    drive_settings,
-)
+from wheelhop.studies.frame import Advance, Store
+from wheelhop.studies.stiffness.frame import RATE, SPEEDS, StiffnessSettings, drive_settings
 from wheelhop.studies.stiffness.pair_truth import (
     AXLES,
     WHEELBASE,

@@ -7,10 +7,10 @@ import numpy as np
 from wheelhop.evaluation.consistency import mean_band
 from wheelhop.evaluation.tracking import Interval, rms_interval
 from wheelhop.io.report import Finding
+from wheelhop.studies.frame import verdict_of
 from wheelhop.studies.stiffness import continuous as lone
 from wheelhop.studies.stiffness import several_wheels as four
 from wheelhop.studies.stiffness.continuous import Continuous, Track
-from wheelhop.studies.stiffness.frame import verdict_of
 from wheelhop.studies.stiffness.runs import at, reported
 from wheelhop.studies.stiffness.several_wheels import SeveralWheels, combined_variance
 

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from wheelhop.io.report import OPEN, DataTable, Finding
 from wheelhop.plots.panels import panel_grid
 from wheelhop.plots.style import ALERT, ESTIMATE, MUTED, TRUTH
+from wheelhop.studies.frame import StudyFigure, verdict_of
 from wheelhop.studies.stiffness.alarm_drives import IN_TIME, LOSSES, AlarmDrives, hours
-from wheelhop.studies.stiffness.frame import StudyFigure, verdict_of
 
 _COLOURS = (ESTIMATE, "#00838f", "#8e24aa", MUTED, ALERT)
 

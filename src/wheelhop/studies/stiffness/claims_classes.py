@@ -7,9 +7,9 @@ from scipy.stats import norm
 
 from wheelhop.evaluation.tracking import Interval
 from wheelhop.io.report import FAILS, HOLDS, Finding
+from wheelhop.studies.frame import verdict_of
 from wheelhop.studies.stiffness.claims import at_time, rms
 from wheelhop.studies.stiffness.exact_classes import CASES, CHANGE, ExactClasses, lag
-from wheelhop.studies.stiffness.frame import verdict_of
 from wheelhop.studies.stiffness.runs import at
 
 LARGEST_RMS = 7e3

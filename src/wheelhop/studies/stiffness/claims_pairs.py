@@ -9,9 +9,9 @@ import numpy as np
 from wheelhop.evaluation.consistency import mean_band
 from wheelhop.evaluation.tracking import Interval
 from wheelhop.io.report import DataTable, Finding
+from wheelhop.studies.frame import verdict_of
 from wheelhop.studies.stiffness.axle_pairs import REPORTED, AxlePairs, PairTrack
 from wheelhop.studies.stiffness.claims import at_time, scaled
-from wheelhop.studies.stiffness.frame import verdict_of
 from wheelhop.studies.stiffness.runs import at, reported
 
 LARGEST_RATIO = 1.5

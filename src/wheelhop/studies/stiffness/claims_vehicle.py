@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from wheelhop.io.report import OPEN, DataTable, Finding
+from wheelhop.studies.frame import verdict_of
 from wheelhop.studies.stiffness.budget import Budget, band_bound, error_budget
-from wheelhop.studies.stiffness.frame import StiffnessSettings, verdict_of
+from wheelhop.studies.stiffness.frame import StiffnessSettings
 from wheelhop.studies.stiffness.full_vehicle import (
     IDENTIFIED,
     VehicleStudy,

@@ -11,14 +11,8 @@ import numpy as np
 
 from wheelhop.estimators import changing, immuf, stiffness
 from wheelhop.evaluation.bounds import bound, deviation
-from wheelhop.studies.stiffness.frame import (
-    PRESSURES,
-    RATE,
-    Advance,
-    StiffnessSettings,
-    Store,
-    drive_settings,
-)
+from wheelhop.studies.frame import Advance, Store
+from wheelhop.studies.stiffness.frame import PRESSURES, RATE, StiffnessSettings, drive_settings
 from wheelhop.studies.stiffness.runs import (
     DRAWN,
     Estimator,

@@ -17,14 +17,8 @@ from wheelhop.estimators.changing import (
 from wheelhop.estimators.stiffness import StiffnessTuning
 from wheelhop.evaluation.bounds import pressure_deviation
 from wheelhop.evaluation.tracking import Interval
-from wheelhop.studies.stiffness.frame import (
-    RATE,
-    SPEEDS,
-    Advance,
-    StiffnessSettings,
-    Store,
-    drive_settings,
-)
+from wheelhop.studies.frame import Advance, Store
+from wheelhop.studies.stiffness.frame import RATE, SPEEDS, StiffnessSettings, drive_settings
 from wheelhop.studies.stiffness.runs import (
     Estimator,
     corner_rate,

@@ -12,6 +12,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 from wheelhop.evaluation.consistency import mean_band
 from wheelhop.plots.panels import legend_below, panel_grid
 from wheelhop.plots.style import ALERT, BAND, ESTIMATE, MUTED, TRUTH
+from wheelhop.studies.frame import StudyFigure
 from wheelhop.studies.stiffness import continuous as lone
 from wheelhop.studies.stiffness import several_wheels as four
 from wheelhop.studies.stiffness.claims import (
@@ -23,7 +24,6 @@ from wheelhop.studies.stiffness.claims import (
     wheel_nees,
 )
 from wheelhop.studies.stiffness.continuous import Continuous
-from wheelhop.studies.stiffness.frame import StudyFigure
 from wheelhop.studies.stiffness.several_wheels import SeveralWheels
 
 TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60)

@@ -9,11 +9,11 @@ from matplotlib.figure import Figure
 
 from wheelhop.plots.panels import legend_below, panel_grid
 from wheelhop.plots.style import ALERT, BAND, CLASS_COLOURS, ESTIMATE, MUTED, TRUTH
+from wheelhop.studies.frame import StudyFigure
 from wheelhop.studies.stiffness.claims import rms
 from wheelhop.studies.stiffness.claims_classes import LARGEST_AT_CHANGE, LARGEST_RMS
 from wheelhop.studies.stiffness.exact_classes import CASES, CHANGE, ExactClasses
 from wheelhop.studies.stiffness.figures import headline, log_time, plain_log
-from wheelhop.studies.stiffness.frame import StudyFigure
 
 
 def class_figures(result: ExactClasses) -> Iterator[StudyFigure]:

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from wheelhop.evaluation.consistency import mean_band
 from wheelhop.plots.panels import legend_below, panel_grid
 from wheelhop.plots.style import BAND, ESTIMATE, MUTED
+from wheelhop.studies.frame import StudyFigure
 from wheelhop.studies.stiffness.axle_pairs import AxlePairs, PairTrack
 from wheelhop.studies.stiffness.claims_pairs import LARGEST_RATIO, pair_nees
 from wheelhop.studies.stiffness.figures import PERCENT, headline, log_time, plain_log
-from wheelhop.studies.stiffness.frame import StudyFigure
 
 _COLOURS = (ESTIMATE, "#ef6c00", "#2e7d32")
 

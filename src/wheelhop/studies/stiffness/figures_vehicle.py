@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from wheelhop.plots.stiffness_vehicle import plot_budget, plot_vehicle_errors, plot_what_helps
+from wheelhop.studies.frame import StudyFigure
 from wheelhop.studies.stiffness.claims_vehicle import (
     LIMIT,
     budget_of,
     errors_over_time,
     final_error,
 )
-from wheelhop.studies.stiffness.frame import StudyFigure
 from wheelhop.studies.stiffness.full_vehicle import VehicleStudy
 from wheelhop.studies.stiffness.vehicle_estimators import ROWS
 

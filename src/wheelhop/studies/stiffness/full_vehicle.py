@@ -11,7 +11,8 @@ import numpy as np
 
 from wheelhop.estimators.calibration import calibrate
 from wheelhop.identification import identify, search_space
-from wheelhop.studies.stiffness.frame import RATE, Advance, StiffnessSettings, Store
+from wheelhop.studies.frame import Advance, Store
+from wheelhop.studies.stiffness.frame import RATE, StiffnessSettings
 from wheelhop.studies.stiffness.vehicle_cases import (
     DISTURBANCES,
     KNOWN,

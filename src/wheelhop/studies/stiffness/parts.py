@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from wheelhop.studies.frame import Part
 from wheelhop.studies.stiffness import (
     claims,
     claims_alarms,
@@ -23,7 +24,7 @@ from wheelhop.studies.stiffness.claims_vehicle import (
 from wheelhop.studies.stiffness.continuous import continuous
 from wheelhop.studies.stiffness.exact_classes import exact_classes
 from wheelhop.studies.stiffness.figures_vehicle import vehicle_figures
-from wheelhop.studies.stiffness.frame import Part, StiffnessSettings
+from wheelhop.studies.stiffness.frame import StiffnessSettings
 from wheelhop.studies.stiffness.full_vehicle import vehicle_study
 from wheelhop.studies.stiffness.several_wheels import several_wheels
 

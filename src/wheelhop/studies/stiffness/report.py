@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from wheelhop.io.report import (
-    FigureFile,
-    Finding,
-    Report,
-    Section,
-    count_verdicts,
-    write_report,
-)
-from wheelhop.io.results import output_directory, write_figure, write_json, write_table
-from wheelhop.studies.stiffness.frame import StudyFigure
-from wheelhop.studies.stiffness.study import StiffnessStudy
+from wheelhop.io.report import Finding
+from wheelhop.studies.frame import Study
+from wheelhop.studies.frame_report import write_study
+from wheelhop.studies.stiffness.frame import StiffnessSettings
 
 TITLE = "Tyre pressure at the Cramer-Rao bound, on a road nobody measured"
 
@@ -28,7 +21,7 @@ _QUICK_WARNING = (
 
 
 def write_stiffness_study(
-    study: StiffnessStudy,
+    study: Study[StiffnessSettings],
     directory: Path,
     made_by: Mapping[str, Any],
     quick: bool = False,
@@ -46,56 +39,18 @@ def write_stiffness_study(
     Returns:
         Names of the files, and all findings.
     """
-    directory = output_directory(directory)
-    names: list[str] = []
-    sections = []
-    for done, part in enumerate(study.parts):
-        result = study.results[part.name]
-        files = []
-        for figure in part.figures(result):
-            files.append(_written(directory, figure))
-            names += [f"{figure.name}.png", f"{figure.name}.parquet"]
-        sections.append(
-            Section(
-                part.title,
-                part.text(study.settings),
-                part.findings(result),
-                part.tables(result),
-                files,
-            )
-        )
-        if on_progress is not None:
-            on_progress(done + 1, len(study.parts))
-    findings = [finding for section in sections for finding in section.findings]
-    content = {
-        **made_by,
-        "findings": [asdict(f) for f in findings],
-        "results": {part.name: part.numbers(study.results[part.name]) for part in study.parts},
-    }
-    write_json(directory / "results.json", content)
-    verdicts = count_verdicts(Report(TITLE, ("...",), sections, made_by))
-    report = Report(TITLE, _summary(study, verdicts, quick), sections, made_by)
-    write_report(report, directory)
-    return ["report.html", "report.md", "results.json", *names], findings
+    summary = partial(_summary, study.settings, quick)
+    return write_study(study, directory, made_by, TITLE, summary, on_progress)
 
 
-def _written(directory: Path, figure: StudyFigure) -> FigureFile:
-    image = write_figure(directory / f"{figure.name}.png", figure.figure)
-    data = write_table(
-        directory / f"{figure.name}.parquet", dict(figure.columns), dict(figure.units)
-    )
-    return FigureFile(Path(image), figure.caption, Path(data))
-
-
-def _summary(study: StiffnessStudy, verdicts: Mapping[str, int], quick: bool) -> tuple[str, ...]:
-    counted = ", ".join(f"{n} x {verdict}" for verdict, n in verdicts.items() if n)
+def _summary(settings: StiffnessSettings, quick: bool, verdicts: str) -> tuple[str, ...]:
     text = (
         "Tyre stiffness and pressure from the accelerations of body and wheel, by recursive "
         "maximum likelihood on a road that nobody measured, against the best that any estimator "
         "can do. The quarter cars are simulated at a finer step than the filter's, on roads of "
-        f"the exact ISO 8608 spectrum, logged at 500 Hz with {study.settings.noise:g} m/s^2 of "
+        f"the exact ISO 8608 spectrum, logged at 500 Hz with {settings.noise:g} m/s^2 of "
         "noise.",
-        f"Rows by verdict: {counted}. Targets are given beforehand; verdicts follow from the "
+        f"Rows by verdict: {verdicts}. Targets are given beforehand; verdicts follow from the "
         "figures, and intervals hold with 95 % probability.",
     )
     return (_QUICK_WARNING, *text) if quick else text

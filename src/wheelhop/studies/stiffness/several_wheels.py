@@ -18,14 +18,8 @@ from wheelhop.estimators.four_corners import (
 from wheelhop.estimators.stiffness import read_theta
 from wheelhop.evaluation.bounds import bound, pooled
 from wheelhop.studies.four_tyres import corners
-from wheelhop.studies.stiffness.frame import (
-    PRESSURES,
-    RATE,
-    Advance,
-    StiffnessSettings,
-    Store,
-    drive_settings,
-)
+from wheelhop.studies.frame import Advance, Store
+from wheelhop.studies.stiffness.frame import PRESSURES, RATE, StiffnessSettings, drive_settings
 from wheelhop.studies.stiffness.runs import (
     DRAWN,
     Estimator,

@@ -3,28 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from wheelhop.errors import require_in_range
-from wheelhop.studies.stiffness.frame import Bar, Part, StiffnessSettings, Store
+from wheelhop.studies.frame import Bar, Part, Study, run_parts
+from wheelhop.studies.stiffness.frame import StiffnessSettings
 from wheelhop.studies.stiffness.parts import PARTS
-
-
-@dataclass(frozen=True)
-class StiffnessStudy:
-    """All results.
-
-    Attributes:
-        settings: that made them.
-        parts: in the order of the report.
-        results: of the parts, by their names.
-    """
-
-    settings: StiffnessSettings
-    parts: tuple[Part, ...]
-    results: dict[str, Any]
 
 
 def validate_settings(settings: StiffnessSettings) -> StiffnessSettings:
@@ -42,8 +26,11 @@ def validate_settings(settings: StiffnessSettings) -> StiffnessSettings:
 
 
 def stiffness_study(
-    settings: StiffnessSettings, place: Path | None, bar: Bar, parts: Sequence[Part] = PARTS
-) -> StiffnessStudy:
+    settings: StiffnessSettings,
+    place: Path | None,
+    bar: Bar,
+    parts: Sequence[Part[StiffnessSettings]] = PARTS,
+) -> Study[StiffnessSettings]:
     """Run every part; what is finished in `place` is not computed again.
 
     Args:
@@ -55,9 +42,4 @@ def stiffness_study(
     Raises:
         InputError: for settings out of range.
     """
-    validate_settings(settings)
-    results = {}
-    for part in parts:
-        with bar(part.title, "steps") as advance:
-            results[part.name] = part.run(settings, Store(place), advance)
-    return StiffnessStudy(settings, tuple(parts), results)
+    return run_parts(validate_settings(settings), place, bar, parts)
