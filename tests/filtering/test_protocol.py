@@ -26,6 +26,7 @@ from wheelhop.filtering import (
     ConstrainedParams,
     InteractingParams,
     LinearGaussian,
+    MultipleModelParams,
     SensitivityParams,
     SensitivityPrior,
     UnknownInputModel,
@@ -41,6 +42,7 @@ from wheelhop.filtering import (
     independent,
     interacting,
     kalman,
+    multiple_model,
     run_batch,
     sensitivity,
     square_root_unscented,
@@ -53,6 +55,10 @@ def imm_params(scale):
     return InteractingParams(
         scale * jnp.array([0.5, 2.0]), jnp.array([[0.9, 0.1], [0.2, 0.8]]), jnp.array([0.5, 0.5])
     )
+
+
+def bank_params(scale):
+    return MultipleModelParams(scale * jnp.array([0.5, 2.0]), jnp.array([0.4, 0.6]), 0.01, 0.9)
 
 
 def matrices(scale):
@@ -108,6 +114,7 @@ FILTERS = {
     "extended": (extended(linear_model()), lambda s: s),
     "iterated": (extended(linear_model(), iterations=3), lambda s: s),
     "interacting": (interacting(unscented(linear_model())), imm_params),
+    "multiple model": (multiple_model(extended(linear_model())), bank_params),
 }
 
 
@@ -189,6 +196,7 @@ def test_a_missing_row_predicts_only(case):
 
 # their gradients are compared with differences in tests of their own
 CHECKED_ELSEWHERE = (
+    "multiple model",
     "recursive maximum likelihood",
     "interacting square root",
     "unknown input",

@@ -106,6 +106,12 @@ def simulate(
     anti_roll: Annotated[
         bool | None, typer.Option("--anti-roll/--no-anti-roll", help="Vehicle suv: with its bars.")
     ] = None,
+    ppy1: Annotated[
+        float | None,
+        typer.Option(
+            "--ppy1", help="Vehicle: change of cornering stiffness with pressure, as 0.9."
+        ),
+    ] = None,
     animate: Annotated[
         bool | None, typer.Option("--animate", help="Vehicle: draw an animation as well.")
     ] = None,
@@ -144,6 +150,7 @@ def simulate(
         "--contact": contact,
         "--tire": tire,
         "--anti-roll/--no-anti-roll": anti_roll,
+        "--ppy1": ppy1,
         "--animate": animate,
     }
     if vehicle is not None and vehicle in VEHICLES:
@@ -161,6 +168,7 @@ def simulate(
             sensor=sensor,
             tire=tire,
             anti_roll=anti_roll,
+            ppy1=ppy1,
             animate=bool(animate),
         )
         simulate_drive(choice, out or Path("wheelhop-drive"), seed, precision)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from wheelhop.cli.drive_report import drive_summary, print_drive, write_drive
@@ -48,6 +49,7 @@ class DriveChoice:
     sensor: Sensor = DATASHEET_ACCELEROMETER
     tire: Path | None = None
     anti_roll: bool | None = None
+    ppy1: float | None = None
     animate: bool = False
 
 
@@ -138,6 +140,16 @@ def _drive(choice: DriveChoice) -> tuple[Drive, float]:
 
 
 def _vehicle(choice: DriveChoice) -> FullVehicle:
+    vehicle = _on_its_tires(choice)
+    if choice.ppy1 is None:
+        return vehicle
+    require_in_range("--ppy1", choice.ppy1, -2.0, 2.0, "(no unit)")
+    slip = vehicle.tire.slip
+    softer = replace(slip, ppy1=choice.ppy1 + jnp.zeros_like(slip.pky1))
+    return replace(vehicle, tire=replace(vehicle.tire, slip=softer))
+
+
+def _on_its_tires(choice: DriveChoice) -> FullVehicle:
     if choice.anti_roll is not None and choice.vehicle != "suv":
         raise InputError(
             "--anti-roll/--no-anti-roll", f"{choice.vehicle} is as published", "Use it with suv."
@@ -191,6 +203,7 @@ def _settings(
     return {
         "vehicle": choice.vehicle,
         "anti_roll": choice.anti_roll,
+        "ppy1": choice.ppy1,
         "tire": None if choice.tire is None else str(choice.tire),
         "maneuver": choice.maneuver,
         "speed_km_per_h": 3.6 * float(drive.maneuver.speed),

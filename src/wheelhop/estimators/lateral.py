@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from wheelhop.errors import InputError, require_in_range
+from wheelhop.vehicle.lateral_record import LateralSample
 from wheelhop.vehicle.lateral_tire import ARCTANGENT, TireLaw
 from wheelhop.vehicle.two_track import (
     LateralMotion,
@@ -25,22 +26,6 @@ from wheelhop.vehicle.two_track import (
     wheel_loads,
 )
 from wheelhop.vehicle.two_track import validate as validate_car
-
-
-class LateralSample(NamedTuple):
-    """One sample of the sensors of stability control; NaN where one is missing.
-
-    Attributes:
-        steer: angle of the front wheels [rad].
-        speed: [m/s].
-        lateral_acceleration: [m/s^2].
-        yaw_rate: [rad/s].
-    """
-
-    steer: Any
-    speed: Any
-    lateral_acceleration: Any
-    yaw_rate: Any
 
 
 @jax.tree_util.register_dataclass

@@ -30,6 +30,11 @@ from wheelhop.filtering.interacting_smoothing import (
 from wheelhop.filtering.interface import Filter, Flags, Info, StateSpaceModel
 from wheelhop.filtering.joint_sensitivity import joint_sensitivity
 from wheelhop.filtering.kalman import LinearGaussian, kalman
+from wheelhop.filtering.multiple_model import (
+    MultipleModelParams,
+    MultipleModelState,
+    multiple_model,
+)
 from wheelhop.filtering.parallel import (
     parallel_filter,
     parallel_log_likelihood,
@@ -71,6 +76,8 @@ __all__ = [
     "InteractingParams",
     "InteractingState",
     "LinearGaussian",
+    "MultipleModelParams",
+    "MultipleModelState",
     "Packed",
     "PairRule",
     "SensitivityParams",
@@ -103,6 +110,7 @@ __all__ = [
     "kalman",
     "log_likelihood_batch",
     "moment_match",
+    "multiple_model",
     "normalised_square",
     "packed",
     "parallel_filter",

@@ -10,7 +10,7 @@ import numpy as np
 
 from wheelhop.errors import InputError
 from wheelhop.io.results import write_table
-from wheelhop.io.settings import read_toml
+from wheelhop.io.settings import read_declaration
 from wheelhop.io.tables import Table, read_table
 from wheelhop.io.units import to_si
 from wheelhop.vehicle.record import CornerRecord, checked_record
@@ -51,7 +51,9 @@ def read_log(
     sidecar = Path(path).with_suffix(".toml")
     if declaration is None and sidecar.is_file():
         declaration = sidecar
-    units, names = _read_declaration(declaration) if declaration else ({}, {})
+    units, names = (
+        read_declaration(declaration, {*REQUIRED, *OPTIONAL}) if declaration else ({}, {})
+    )
     names = _columns_of_corner(table, corner, names) | names
     columns = {
         field: _column(table, field, quantity, units, names)
@@ -147,24 +149,3 @@ def _column(
             f'[units] {field} = "{LOG_UNITS[field]}".',
         )
     return table.columns[name] * to_si(f"column {name!r}", quantity, unit)
-
-
-def _read_declaration(path: Path) -> tuple[dict[str, str], dict[str, str]]:
-    content = read_toml(path)
-    known = {*REQUIRED, *OPTIONAL}
-    for section in ("units", "columns"):
-        fields = content.get(section, {})
-        if not isinstance(fields, dict):
-            raise InputError(
-                f"{path.name} {section}", f"{fields!r} is no section", f"Write [{section}]."
-            )
-        for field, value in fields.items():
-            if field not in known:
-                raise InputError(
-                    f"{path.name} [{section}]", f"{field!r} is no field", f"Use {sorted(known)}."
-                )
-            if not isinstance(value, str):
-                raise InputError(
-                    f"{path.name} [{section}] {field}", f"{value!r} is no text", "Put it in quotes."
-                )
-    return content.get("units", {}), content.get("columns", {})

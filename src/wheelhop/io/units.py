@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from wheelhop.errors import InputError
 
 STANDARD_GRAVITY = 9.80665
@@ -17,9 +19,19 @@ UNITS: dict[str, dict[str, float]] = {
     "speed": {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704, "kn": 1852.0 / 3600.0},
     "pressure": {"Pa": 1.0, "kPa": 1e3, "bar": 1e5, "psi": 6894.757293168},
     "length": {"m": 1.0, "km": 1e3, "mm": 1e-3, "cm": 1e-2, "ft": 0.3048, "in": 0.0254},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0},
+    "angular speed": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.pi / 180.0},
 }
 
-_SPELLINGS = {"m/s2": "m/s^2", "m/s²": "m/s^2", "m/s**2": "m/s^2", "kph": "km/h", "kmh": "km/h"}
+_SPELLINGS = {
+    "m/s2": "m/s^2",
+    "m/s²": "m/s^2",
+    "m/s**2": "m/s^2",
+    "kph": "km/h",
+    "kmh": "km/h",
+    "°": "deg",
+    "°/s": "deg/s",
+}
 
 
 def to_si(field: str, quantity: str, unit: str) -> float:
