@@ -1,4 +1,4 @@
-"""The multiple-model bank against hand-written Kalman filters, and its probabilities by counting."""
+"""The multiple-model bank against Kalman filters by hand, and its probabilities by counting."""
 
 from functools import cache, partial
 from typing import Any, NamedTuple

@@ -16,7 +16,7 @@ from wheelhop.vehicle.full_vehicle_parameters import CORNERS
 _COLOURS = ("#7a8fa6", "#ef6c00", ESTIMATE)
 _BANDS = (0.28, 0.16, 0.25)
 _WIDTHS = (1.2, 1.2, 2.0)
-_LIMITS = (100.0, 300.0)
+_LIMITS = (130.0, 270.0)
 _NAMES = ("front left", "front right", "rear left", "rear right")
 
 
@@ -51,7 +51,13 @@ def plot_lateral_fusion(
             p, sd = 1e-3 * pressure[label][:, k], 1e-3 * pressure_sd[label][:, k]
             ax.fill_between(time, p - sd, p + sd, color=colour, alpha=alpha, linewidth=0)
             ax.plot(time, p, color=colour, linewidth=width, label=label)
-        ax.axhline(1e-3 * true[k], color=TRUTH, linewidth=1.0, linestyle="--", label="truth")
+        ax.axhline(
+            1e-3 * true[k],
+            color=TRUTH,
+            linewidth=1.0,
+            linestyle="--",
+            label="truth (bands: one standard deviation)",
+        )
         note_cut(ax, {n: 1e-3 * p[:, k] for n, p in pressure.items()}, _LIMITS, "kPa")
         ax.set_title(f"{name} ({short}), {1e-3 * true[k]:.0f} kPa", loc="left", fontsize=10)
         ax.set_ylim(*_LIMITS)
@@ -59,8 +65,8 @@ def plot_lateral_fusion(
             ax.set_ylabel("pressure [kPa]")
     below = figure.add_subplot(grid[2, 0], sharex=panels[0])
     below.plot(time, lateral_acceleration, color=MUTED, linewidth=1.0)
-    below.set_ylabel("lateral acceleration [m/s²]")
-    below.set_title("what the car did", loc="left", fontsize=10)
+    below.set_ylabel("lateral acceleration\n[m/s²]")
+    below.set_title("what the car did: straight on, and lane changes", loc="left", fontsize=10)
     beside = figure.add_subplot(grid[2, 1], sharex=panels[0])
     beside.axhline(0.0, color=TRUTH, linewidth=0.6)
     beside.plot(time, agreement, color=ESTIMATE, linewidth=1.4)
