@@ -132,16 +132,17 @@ def cases(quick: bool) -> dict[str, Case]:
 
     def add(kind: str, work: Callable[[Size], Any], *wanted: tuple[int, int, int]) -> None:
         for levels, runs, samples in wanted:
-            size = Size(levels, max(runs // less, 1), max(samples // less, 10))
+            size = Size(levels, runs, max(samples // less, 10))
             many = f" x {size.runs:,} runs" if size.runs > 1 else ""
             found[f"{kind}, {levels**4}{many}"] = Case(size, work(size), f"NumPy loop, {levels**4}")
 
-    small, wide, batch = (2, 1, 2000), (4, 1, 2000), (2, 10_000, 50)
-    add("NumPy loop", loop, small, wide)
-    add("switched, jit", lambda size: switching(size, jax.jit), small, wide, batch)
-    add("switched, native_jit", lambda size: switching(size, native_jit), small, wide, batch)
-    sizes = (small, (4, 1, 400), (2, 1000, 100), (2, 10_000, 20))
-    add("Bayesian", bayesian, *(sizes[:1] if quick else sizes))
+    small = (2, 1, 2000)
+    switches = (small,) if quick else (small, (4, 1, 2000), (2, 10_000, 50))
+    banks = (small,) if quick else (small, (4, 1, 400), (2, 1000, 100), (2, 10_000, 20))
+    add("NumPy loop", loop, *switches[:2])
+    add("switched, jit", lambda size: switching(size, jax.jit), *switches)
+    add("switched, native_jit", lambda size: switching(size, native_jit), *switches)
+    add("Bayesian", bayesian, *banks)
     return found
 
 
@@ -168,7 +169,9 @@ def measure(quick: bool, rounds: int) -> dict[str, dict[str, float]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="few short runs, float32, one round")
+    parser.add_argument(
+        "--quick", action="store_true", help="16 hypotheses, one short run, float32"
+    )
     parser.add_argument("--json", type=Path, help="write the figures there too")
     options = parser.parse_args()
     everything: dict[str, Any] = {}

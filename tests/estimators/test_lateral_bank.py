@@ -205,6 +205,7 @@ def test_gaps_are_bridged_and_told():
     expected = np.zeros(SAMPLES)
     expected[60:95] += 1
     expected[85:100] += 1
+    expected[140:200] = 2  # without steer or speed a sample measures nothing
     np.testing.assert_array_equal(found.flags.missing[run], expected)
     assert not np.any(found.flags.nonfinite)
     assert not np.any(found.flags.lost_members)
@@ -334,8 +335,10 @@ def test_inputs_hold_what_is_missing_and_loads_come_one_sample_late():
         yaw_rate=np.array([[nan, 0.0, 0.1, nan, 0.2], [0.0, 0.1, 0.2, 0.3, 0.4]]),
     )
     y, u = readings_and_inputs(jax.tree.map(jnp.asarray, sample))
-    np.testing.assert_array_equal(y.lateral_acceleration, sample.lateral_acceleration)
-    np.testing.assert_array_equal(y.yaw_rate, sample.yaw_rate)
+    known = np.isfinite(sample.steer) & np.isfinite(sample.speed)
+    np.testing.assert_array_equal(known.sum(axis=1), [1, 1])
+    for got, measured in zip(y, (sample.lateral_acceleration, sample.yaw_rate), strict=True):
+        np.testing.assert_array_equal(got, np.where(known, measured, nan))
     np.testing.assert_array_equal(u.steer, [[1, 1, 1, 1, 2], [3, 4, 5, 6, 6]])
     np.testing.assert_array_equal(u.steer_before, [[1, 1, 1, 1, 1], [3, 3, 4, 5, 6]])
     np.testing.assert_array_equal(u.speed, [[20, 20, 21, 21, 22], [9, 9, 9, 9, 9]])

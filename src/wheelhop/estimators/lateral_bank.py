@@ -68,6 +68,7 @@ def lateral_params(
     modes = jax.tree.leaves(tires)[0].shape[0]
     if prior is None:
         prior = jnp.full(modes, 0.5 / (modes - 1)).at[-1].set(0.5)
+    prior = jnp.asarray(prior)
     tuning = LateralTuning() if tuning is None else tuning
     zero = jnp.zeros(())
     drive = LateralInput(zero, zero, zero + 1.0, zero)
@@ -97,7 +98,8 @@ def bank_prior(params: MultipleModelParams, friction: Any = 1.0) -> Gaussian:
 def readings_and_inputs(sample: LateralSample) -> tuple[LateralReading, LateralInput]:
     """What `lateral_bank` measures and is driven by, of samples [..., time].
 
-    A missing entry of what drives the model is bridged by the last one before it.
+    Where steer or speed is missing, the last one before it drives the model and the sample measures
+    nothing.
 
     Args:
         sample: of the sensors, NaN where one is missing.
@@ -106,7 +108,9 @@ def readings_and_inputs(sample: LateralSample) -> tuple[LateralReading, LateralI
     drive = LateralInput(
         steer, _delayed(steer), speed, _delayed(_held(sample.lateral_acceleration))
     )
-    return LateralReading(sample.lateral_acceleration, sample.yaw_rate), drive
+    known = jnp.isfinite(sample.steer) & jnp.isfinite(sample.speed)
+    measured = (sample.lateral_acceleration, sample.yaw_rate)
+    return LateralReading(*(jnp.where(known, y, jnp.nan) for y in measured)), drive
 
 
 def _delayed(signal: Any) -> Any:

@@ -15,9 +15,9 @@ import jax.numpy as jnp
 
 from wheelhop.filtering import Gaussian, StateSpaceModel, independent
 from wheelhop.filtering.smallmat import diagonal
+from wheelhop.staging import stage
 from wheelhop.vehicle.lateral_tire import ARCTANGENT, TireLaw
 from wheelhop.vehicle.two_track import (
-    LateralMotion,
     LateralState,
     Steering,
     TwoTrack,
@@ -132,27 +132,29 @@ def lateral_model(law: TireLaw = ARCTANGENT) -> StateSpaceModel:
         law: of the tyres.
     """
 
-    def motion(x: LateralState, steer: Any, b: LateralBelief, p: LateralParams) -> LateralMotion:
+    @stage
+    def motion(x: LateralState, steer: Any, b: LateralBelief, p: LateralParams) -> Any:
         u = Steering(steer - b.steer_bias, p.drive.speed)
-        true = p.drive.load_acceleration / (1.0 + p.car.roll_gain)
+        shown = p.drive.load_acceleration - b.acceleration_bias
+        true = shown / (1.0 + p.car.roll_gain)
         heavier = jnp.exp(b.ln_mass)
         car = replace(p.car, mass=heavier * p.car.mass, yaw_inertia=heavier * p.car.yaw_inertia)
         load = wheel_loads(true, car)
-        return lateral_motion(x, u, load, p.tires, car, jnp.exp(b.ln_friction), law)
+        found = lateral_motion(x, u, load, p.tires, car, jnp.exp(b.ln_friction), law)
+        return found.side_slip_rate, found.yaw_acceleration, found.lateral_acceleration
 
     def transition(b: LateralBelief, p: LateralParams) -> LateralBelief:
         between = 0.5 * (p.drive.steer + p.drive.steer_before)
 
         def slope(x: LateralState) -> LateralState:
-            found = motion(x, between, b, p)
-            return LateralState(found.side_slip_rate, found.yaw_acceleration)
+            return LateralState(*motion(x, between, b, p)[:2])
 
         x = rk2(slope, LateralState(b.side_slip, b.yaw_rate), p.dt)
         return b._replace(side_slip=x.side_slip, yaw_rate=x.yaw_rate)
 
     def observation(b: LateralBelief, p: LateralParams) -> LateralReading:
-        found = motion(LateralState(b.side_slip, b.yaw_rate), p.drive.steer, b, p)
-        shown = (1.0 + p.car.roll_gain) * found.lateral_acceleration
+        felt = motion(LateralState(b.side_slip, b.yaw_rate), p.drive.steer, b, p)[2]
+        shown = (1.0 + p.car.roll_gain) * felt
         return LateralReading(shown + b.acceleration_bias, b.yaw_rate + b.yaw_rate_bias)
 
     def process_cov(b: LateralBelief, p: LateralParams) -> Any:

@@ -59,7 +59,7 @@ def multiple_model(member: Filter) -> Filter:
 
     One step: a change may lead to any hypothesis, p <- (1 - c) p + c prior; every member steps by
     itself; its likelihood corrects its probability. A member whose step is not finite has
-    probability zero from then on and is restarted from the mixture.
+    probability zero, until a change leads back to it, and is restarted from the mixture.
 
     Args:
         member: any `Filter`; its step is vmapped over stacked states and parameters.
@@ -86,7 +86,9 @@ def multiple_model(member: Filter) -> Filter:
             state.members, y, params.members
         )
         sound = jax.vmap(all_finite)(states)
-        told = jnp.where(sound, params.temper * infos.log_likelihood, jnp.nan)
+        temper = jnp.asarray(params.temper, infos.log_likelihood.dtype)[None]
+        temper = trailing(temper, infos.log_likelihood.ndim)
+        told = jnp.where(sound, temper * infos.log_likelihood, jnp.nan)
         log_probabilities, log_likelihood = correct(predicted, told)
         combined = member.mix(jnp.exp(log_probabilities), states)
         states = jax.tree.map(lambda own, one: _either(sound, own, one), states, combined)
@@ -109,6 +111,7 @@ def multiple_model(member: Filter) -> Filter:
 def changed(log_probabilities: Any, prior: Any, change: Any) -> Any:
     """log((1 - c) p + c prior): hypotheses after one interval in which one may have changed."""
     lanes = log_probabilities.ndim
+    change = trailing(jnp.asarray(change, log_probabilities.dtype)[None], lanes)
     stays = safe_log(1.0 - change) + log_probabilities
     comes = safe_log(change) + trailing(safe_log(prior), lanes)
     return log_sum_exp(jnp.stack([stays, comes + jnp.zeros_like(stays)]))
@@ -127,7 +130,7 @@ def _refuse_improbable(params: MultipleModelParams) -> None:
         if isinstance(value, jax.core.Tracer):
             continue
         p = np.asarray(value, float)
-        tolerance = 1e3 * float(jnp.finfo(jnp.result_type(float)).eps)
+        tolerance = 1e3 * float(jnp.finfo(jnp.result_type(float, value)).eps)
         whole = name != "prior" or np.allclose(p.sum(0), 1.0, rtol=0, atol=tolerance)
         if not (p >= 0).all() or not (p <= 1 + tolerance).all() or not whole:
             raise ValueError(

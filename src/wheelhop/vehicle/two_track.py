@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 
 from wheelhop.errors import require_in_range
+from wheelhop.staging import stage
 from wheelhop.vehicle.arctangent import arctan
 from wheelhop.vehicle.full_vehicle_state import STANDARD_GRAVITY
 from wheelhop.vehicle.lateral_tire import ARCTANGENT, TireLaw
@@ -176,8 +177,8 @@ def lateral_motion(
         law: of the tyres.
         printed: slip angles by Eq. 2 and 9 as printed.
     """
-    slips = slip_angles(x, u, car, printed)
-    force = wheel_forces(slips, load, tires, friction, law)
+    slips = stage(slip_angles)(x, u, car, printed)
+    force = stage(wheel_forces)(slips, load, tires, friction, law)
     front, rear = force.front_left + force.front_right, force.rear_left + force.rear_right
     acceleration = (front + rear) / car.mass
     return LateralMotion(
@@ -209,7 +210,8 @@ def wheel_forces(
         return _along(jnp.stack([jnp.asarray(leaf, slip.dtype) for leaf in leaves]), slip.ndim)
 
     tire = jax.tree.map(stacked, *tires)
-    force = law.force(slip, down, tire, jnp.asarray(friction, slip.dtype))
+    grip = _along(jnp.asarray(friction, slip.dtype)[None], slip.ndim)
+    force = law.force(slip, down, tire, grip)
     return Wheels(*(force[k] for k in range(4)))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -35,7 +35,9 @@ EVERY = 10
 BANK_EVERY = 2
 """Samples of a record for each one that the bank of filters takes: 50 Hz of 100."""
 
-_CHUNK = 256
+LANES = 128
+"""Runs that are judged at once; fewer are filled up, so that every number of runs shares one
+compiled function."""
 
 
 class Verdicts(NamedTuple):
@@ -63,6 +65,7 @@ def by_switching(
     slip: str = "observer",
     printed: bool = False,
     law: TireLaw = ARCTANGENT,
+    lanes: int = LANES,
 ) -> Verdicts:
     """Verdicts of the switched models.
 
@@ -70,20 +73,20 @@ def by_switching(
         samples: of the sensors, [runs, time].
         dt: sampling interval [s].
         car: the vehicle as the estimator knows it.
-        levels: soft and sound tyre, as in `failure_modes.stacked_tires`.
+        levels: tyres from the softest to the sound one, as in `failure_modes.stacked_tires`.
         tuning: of the cost and the observer.
         slip, printed, law: as in `lateral.switched`.
+        lanes: runs judged at once.
     """
     params = SwitchedParams(car, stacked_tires(levels), dt, tuning)
     params = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(float)), params)
     run = _switched(slip, printed, law)
-    found = []
-    for piece in _chunks(samples):
-        found.append(np.asarray(run(piece, params)))
-    count = np.shape(samples.steer)[0]
-    selected = np.concatenate(found)[:count, EVERY - 1 :: EVERY].astype(int)
+    found = [
+        np.asarray(run(piece, params))[:, EVERY - 1 :: EVERY] for piece in _pieces(samples, lanes)
+    ]
+    selected = np.concatenate(found)[: np.shape(samples.steer)[0]].astype(int)
     nothing = np.full(selected.shape, np.nan)
-    soft = (level_table(2) == 0)[selected].astype(float)
+    soft = _below_sound(jax.tree.leaves(params.tires)[0].shape[0])[selected]
     return Verdicts(selected, nothing, soft, nothing)
 
 
@@ -94,7 +97,7 @@ def _switched(slip: str, printed: bool, law: TireLaw) -> Any:
     def one(y: LateralSample, params: SwitchedParams) -> Any:
         def keep(state: Any, info: Any) -> Any:
             del state
-            return info.selected.astype(jnp.int8)
+            return info.selected.astype(jnp.int16)
 
         return drive.run(bank, bank.init(params), y, params, keep=keep)
 
@@ -109,28 +112,32 @@ def by_filters(
     tuning: LateralTuning,
     temper: float = 1.0,
     law: TireLaw = ARCTANGENT,
+    lanes: int = LANES,
 ) -> Verdicts:
     """Verdicts of the bank of filters, which takes every `BANK_EVERY` sample.
 
     Args:
-        samples, dt, car, levels, law: as in `by_switching`.
+        samples, dt, car, levels, law, lanes: as in `by_switching`.
         tuning: of the filters.
         temper: exponent of the likelihoods.
     """
-    thin = jax.tree.map(lambda a: jnp.asarray(a)[:, BANK_EVERY - 1 :: BANK_EVERY], samples)
     params = lateral_params(car, levels, BANK_EVERY * dt, tuning=tuning, temper=temper)
     filter = lateral_bank(law)
     state = filter.init(bank_prior(params), params)
-    ys, inputs = readings_and_inputs(thin)
-    log_p, ln_friction = jax.tree.map(
-        np.asarray,
-        run_batch(filter, state, ys, params, inputs=inputs, bind=bind_drive, keep=_kept),
-    )
     stride = EVERY // BANK_EVERY
-    p = np.exp(log_p[:, stride - 1 :: stride].astype(float))
-    best = p.argmax(-1)
-    soft = p @ (level_table(2) == 0).astype(float)
-    return Verdicts(best, p.max(-1), soft, np.exp(ln_friction[:, stride - 1 :: stride]))
+    found = []
+    for piece in _pieces(samples, lanes):
+        thin = jax.tree.map(lambda a: a[:, BANK_EVERY - 1 :: BANK_EVERY], piece)
+        ys, inputs = readings_and_inputs(thin)
+        kept = run_batch(
+            filter, state, ys, params, inputs=inputs, bind=bind_drive, keep=_kept, lanes=lanes
+        )
+        found.append([np.asarray(a, float)[:, stride - 1 :: stride] for a in kept])
+    count = np.shape(samples.steer)[0]
+    log_p, ln_friction = (np.concatenate(a)[:count] for a in zip(*found, strict=True))
+    p = np.exp(log_p)
+    soft = p @ _below_sound(p.shape[-1])
+    return Verdicts(p.argmax(-1), p.max(-1), soft, np.exp(ln_friction))
 
 
 def _kept(state: Any, info: Any) -> Any:
@@ -138,10 +145,15 @@ def _kept(state: Any, info: Any) -> Any:
     return state.log_probabilities, state.combined.mean.ln_friction
 
 
-def _chunks(samples: LateralSample) -> Any:
+def _below_sound(modes: int) -> np.ndarray:
+    """Whether each tyre is below its sound level in each mode, 0 or 1, [modes, 4]."""
+    levels = round(modes**0.25)
+    return np.asarray(level_table(levels) < levels - 1, float)
+
+
+def _pieces(samples: LateralSample, lanes: int) -> Iterator[LateralSample]:
     """Pieces of equal length, the last run repeated to fill the last."""
     count = np.shape(samples.steer)[0]
-    width = min(_CHUNK, count)
-    for begin in range(0, count, width):
-        index = np.minimum(np.arange(begin, begin + width), count - 1)
-        yield jax.tree.map(lambda a, i=index: jnp.asarray(a)[i], samples)
+    for begin in range(0, count, lanes):
+        index = np.minimum(np.arange(begin, begin + lanes), count - 1)
+        yield jax.tree.map(lambda a, i=index: jnp.asarray(np.asarray(a)[i]), samples)

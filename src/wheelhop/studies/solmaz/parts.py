@@ -3,6 +3,14 @@
 from __future__ import annotations
 
 from wheelhop.studies.frame import Part
+from wheelhop.studies.solmaz.own_plant import own_plant
+from wheelhop.studies.solmaz.own_plant_claims import own_plant_findings
+from wheelhop.studies.solmaz.own_plant_figures import own_plant_figures
+from wheelhop.studies.solmaz.own_plant_tables import (
+    own_plant_in_words,
+    own_plant_numbers,
+    own_plant_tables,
+)
 from wheelhop.studies.solmaz.paper import paper
 from wheelhop.studies.solmaz.paper_claims import paper_findings
 from wheelhop.studies.solmaz.paper_figures import paper_figures
@@ -19,6 +27,16 @@ PARTS: tuple[Part[SolmazSettings], ...] = (
         paper_tables,
         paper_figures,
         paper_numbers,
+    ),
+    Part(
+        "own_plant",
+        "All 16 combinations on the paper's own car",
+        own_plant,
+        own_plant_in_words,
+        own_plant_findings,
+        own_plant_tables,
+        own_plant_figures,
+        own_plant_numbers,
     ),
 )
 """In the order of the report."""
