@@ -45,8 +45,11 @@ LEVELS = (SOFT_TIRE, HALF_TIRE, NOMINAL_TIRE)
 """Of the version with three levels."""
 
 MAIN, SECOND, STRAIGHT = "main", "stronger", "straight"
+EXACT_STEER = "straight, steering sensor without noise"
+LEVEL_CASES = (MAIN, "sweep 0.0045")
+"""That the version with three levels is tried in."""
 
-_SWEEP = (0.0006, 0.0012, 0.002, 0.003, 0.0045, 0.0065, 0.01, 0.015, 0.02, 0.03)
+_SWEEP = (0.0006, 0.0012, 0.002, 0.003, 0.0045, 0.0065, 0.01, 0.015, 0.02, 0.03, 0.045)
 """Amplitudes of the front wheels' angle [rad]; the sound car reaches 0.1 to 4 m/s^2."""
 
 _SHARE, _SOUND_SHARE, _SECOND_SHARE = 0.04, 0.68, 0.16
@@ -68,6 +71,7 @@ class Case:
         load: mass and yaw inertia per those that the estimators believe [-].
         soft: tyre that is called soft, as it is.
         believed: as the estimators believe it to be.
+        steer_noise: of the steering sensor, in `STEER_NOISE`.
         offsets: size of the sensors' offsets, in `OFFSETS`.
         dropout: share of the samples of every sensor that are missing [-].
     """
@@ -81,6 +85,7 @@ class Case:
     load: float = 1.0
     soft: ArctangentTire = SOFT_TIRE
     believed: ArctangentTire = SOFT_TIRE
+    steer_noise: float = 1.0
     offsets: float = 0.0
     dropout: float = 0.0
 
@@ -93,7 +98,9 @@ def cases(settings: SolmazSettings) -> dict[str, Case]:
     main = replace(usual, name=MAIN, runs=settings.runs, sound_runs=settings.runs)
     more = _runs(settings, _SECOND_SHARE)
     second = Case(SECOND, 0, settings.amplitude, more, more)
-    found = [main, second, replace(usual, name=STRAIGHT, amplitude=0.0)]
+    still = replace(usual, name=STRAIGHT, amplitude=0.0)
+    exact = replace(still, name=EXACT_STEER, steer_noise=0.0)
+    found = [main, second, still, exact]
     found += conditions(usual, settings.amplitude)
     sweep = _SWEEP[::4] if settings.quick else _SWEEP
     found += [Case(f"sweep {a:g}", 0, a, few, few) for a in sweep]
@@ -184,7 +191,7 @@ def sensed(
     rows = np.asarray(list(rows))
     count = drives.time.shape[-1]
     noise, offset, uniform = _drawn(rows, count, case, settings)
-    sizes = np.array([settings.noise, settings.yaw_rate_noise, STEER_NOISE])
+    sizes = np.array([settings.noise, settings.yaw_rate_noise, case.steer_noise * STEER_NOISE])
     error = sizes[:, None] * noise + case.offsets * (np.array(OFFSETS) * offset)[..., None]
     error[uniform < case.dropout] = np.nan
     a, r, steer = np.moveaxis(error, 1, 0)

@@ -10,7 +10,7 @@ from wheelhop.io.report import Finding
 from wheelhop.studies.frame import verdict_of
 from wheelhop.studies.solmaz.outcomes import SOUND
 from wheelhop.studies.solmaz.own_plant import BANK, OBSERVER, PRINTED, OwnPlant
-from wheelhop.studies.solmaz.own_plant_cases import MAIN, OFFSETS, SECOND
+from wheelhop.studies.solmaz.own_plant_cases import EXACT_STEER, MAIN, OFFSETS, SECOND
 from wheelhop.studies.solmaz.own_plant_measures import (
     RARE,
     RIGHT,
@@ -51,15 +51,24 @@ def own_plant_findings(result: OwnPlant) -> list[Finding]:
 
 
 def _where(result: OwnPlant, who: str) -> Finding:
-    peaks, shares = swept(result)
+    every = swept(result)
+    peaks, shares = every.peaks, every.shares
     low, high = works(peaks, shares[who])
     top = float(peaks[-1])
     found = ", ".join(f"{s.value:.0%} at {a:.2g}" for a, s in zip(peaks, shares[who], strict=True))
     if np.isnan(low):
         words = f"nowhere from {peaks[0]:.2g} to {top:.2g} m/s^2 are {RIGHT:.0%} of the runs right"
+    elif low == high:
+        words = f"at least {RIGHT:.0%} of the runs are right at {low:.2g} m/s^2 only"
     else:
-        until = f"to {high:.2g}" if high < top else f"on, up to {top:.2g}"
-        words = f"at least {RIGHT:.0%} of the runs are right from {low:.2g} m/s^2 {until} m/s^2"
+        words = f"at least {RIGHT:.0%} of the runs are right from {low:.2g} to {high:.2g} m/s^2"
+    lost = every.beyond > 0
+    law = (
+        f" From {peaks[lost][0]:.2g} m/s^2 on, {every.beyond[lost][0]} to {every.beyond.max()} of "
+        "the 16 cars corner so hard that a tyre leaves the range of the law."
+        if lost.any()
+        else ""
+    )
     in_corners = [s.value >= RIGHT for a, s in zip(peaks, shares[who], strict=True) if a >= 1.0]
     return Finding(
         "Section V",
@@ -67,7 +76,7 @@ def _where(result: OwnPlant, who: str) -> Finding:
         words,
         verdict_of(in_corners),
         f"Share of runs in which all four tyres are told right at the end of the drive, over the "
-        f"sound car's largest lateral acceleration [m/s^2]: {found}. All 16 combinations equally.",
+        f"sound car's largest lateral acceleration [m/s^2]: {found}. All 16 combinations equally.{law}",
     )
 
 
@@ -113,9 +122,11 @@ def _straight(result: OwnPlant, who: str) -> Finding:
     found = straight(result, who)
     bank = who == BANK
     shares = (found.sound_sure, found.soft_sure) if bank else (found.sound, found.soft)
+    exact = straight(result, who, EXACT_STEER)
     sure = (
         f"; with a probability beyond {SURE:.0%} in {found.sound_sure:.1%} and "
-        f"{found.soft_sure:.1%}"
+        f"{found.soft_sure:.1%}, and on {found.sound_end:.0%} of the sound cars in the end; with a "
+        f"steering sensor without noise on {exact.sound_end:.0%}"
         if bank
         else ""
     )
@@ -130,7 +141,9 @@ def _straight(result: OwnPlant, who: str) -> Finding:
             PRINTED: "Nothing distinguishes the models, and the noise decides.",
             OBSERVER: "Below a lateral acceleration of 0.3 m/s^2 it keeps its last opinion, here "
             "the one it began with: it does not see a soft tyre either.",
-            BANK: "Its most probable mode is a guess; judged is what it is sure of.",
+            BANK: "Judged is what it is sure of. The filters take the steering angle as exact: the "
+            "noise of its sensor moves the models but not the car, and models with soft front "
+            "tyres, which it moves least, fit best.",
         }[who],
     )
 
@@ -236,11 +249,15 @@ def _sign(result: OwnPlant) -> Finding:
 
 
 def _levels(result: OwnPlant) -> Finding:
-    found = {who: level_shares(result, who) for who in result.levels.told}
+    found = {
+        f"{who} at {result.peaks[case][SOUND]:.2g} m/s^2": level_shares(trial, who)
+        for case, trial in result.levels.items()
+        for who in trial.told
+    }
     words = "; ".join(
-        f"{who}: all levels right in {exact:.0%} of the runs, the tyres below the sound level "
+        f"{what}: all levels right in {exact:.0%} of the runs, the tyres below the sound level "
         f"found in {which:.0%}"
-        for who, (_, exact, which) in found.items()
+        for what, (_, exact, which) in found.items()
     )
     return Finding(
         "Section III, step 1",
@@ -248,8 +265,8 @@ def _levels(result: OwnPlant) -> Finding:
         words,
         verdict_of([exact >= RIGHT for _, exact, _ in found.values()]),
         f"Three levels of every tyre make 81 models; half soft is half way between the paper's "
-        f"tyres. {len(result.levels.true)} runs of the lane change of "
-        f"{result.cases[MAIN].amplitude:g} rad.",
+        f"tyres. {len(result.levels[MAIN].true)} runs of each lane change, with up to two tyres "
+        "below the sound level.",
     )
 
 

@@ -15,6 +15,7 @@ from wheelhop.plots.confusion import (
     plot_over_acceleration,
 )
 from wheelhop.studies.frame import StudyFigure
+from wheelhop.studies.solmaz.outcomes import SOUND
 from wheelhop.studies.solmaz.own_plant import BANK, OBSERVER, PRINTED, OwnPlant
 from wheelhop.studies.solmaz.own_plant_cases import MAIN
 from wheelhop.studies.solmaz.own_plant_measures import (
@@ -74,12 +75,13 @@ def confusion_figure(result: OwnPlant) -> StudyFigure:
 
 def acceleration_figure(result: OwnPlant) -> StudyFigure:
     """How much lateral acceleration is needed."""
-    peaks, shares = swept(result)
+    found = swept(result)
+    peaks, shares = found.peaks, found.shares
     floors = {who: works(peaks, s)[0] for who, s in shares.items()}
     columns: dict[str, object] = {"peak": peaks}
-    for who, found in shares.items():
+    for who, each in shares.items():
         for part in ("value", "low", "high"):
-            columns[f"{_key(who)}_{part}"] = [getattr(s, part) for s in found]
+            columns[f"{_key(who)}_{part}"] = [getattr(s, part) for s in each]
     return StudyFigure(
         "own_plant_acceleration",
         plot_over_acceleration(
@@ -148,16 +150,25 @@ def detection_figure(result: OwnPlant) -> StudyFigure:
 
 def levels_figure(result: OwnPlant) -> StudyFigure:
     """Three levels of every tyre."""
-    shares = {who: level_shares(result, who)[0] for who in result.levels.told}
+    shares = {
+        f"{who}, {result.peaks[case][SOUND]:.2g} m/s²": level_shares(trial, who)[0]
+        for case, trial in result.levels.items()
+        for who in trial.told
+    }
     columns: dict[str, object] = {
         "true": np.repeat(LEVEL_NAMES, len(LEVEL_NAMES)),
         "told": LEVEL_NAMES * len(LEVEL_NAMES),
     }
-    columns |= {_key(who): s.ravel() for who, s in shares.items()}
+    columns |= {
+        f"{_key(who)}_{k}": level_shares(trial, who)[0].ravel()
+        for k, trial in enumerate(result.levels.values())
+        for who in trial.told
+    }
     return StudyFigure(
         "own_plant_levels",
         plot_levels(shares, LEVEL_NAMES, "81 models: how soft a tyre is told to be"),
         columns,
         {},
-        "Share of the tyres of each level [%] that are told as each, in the end.",
+        "Share of the tyres of each level [%] that are told as each, in the end, in two lane changes "
+        "by the largest lateral acceleration of the sound car; the columns are numbered likewise.",
     )

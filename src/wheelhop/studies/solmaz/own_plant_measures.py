@@ -16,9 +16,10 @@ from wheelhop.studies.solmaz.outcomes import (
     switches_per_minute,
     tires_right,
 )
-from wheelhop.studies.solmaz.own_plant import BANK, OwnPlant
-from wheelhop.studies.solmaz.own_plant_cases import MAIN, SECOND, STRAIGHT, truths
-from wheelhop.studies.solmaz.settings import ONSET
+from wheelhop.studies.solmaz.own_plant import BANK, LevelTrial, OwnPlant
+from wheelhop.studies.solmaz.own_plant_cases import EXACT_STEER, MAIN, SECOND, STRAIGHT, truths
+from wheelhop.studies.solmaz.paper_limits import mode_limits
+from wheelhop.studies.solmaz.settings import ONSET, SPEED
 
 RIGHT = 0.95
 """Share of runs told right from which on a method is said to work."""
@@ -64,6 +65,7 @@ class Straight(NamedTuple):
         sound_sure: the same with a probability beyond `SURE`.
         soft: a sound tyre is called soft on cars with a soft one.
         soft_sure: the same with a probability beyond `SURE`.
+        sound_end: a soft tyre is named with that probability in the end, share of the sound runs.
         switches: changes of mind of the sound car [1/min].
     """
 
@@ -71,6 +73,7 @@ class Straight(NamedTuple):
     sound_sure: float
     soft: float
     soft_sure: float
+    sound_end: float
     switches: float
 
 
@@ -92,11 +95,18 @@ class Swept(NamedTuple):
     """Of the contenders over lane changes of different strength.
 
     Attributes:
+        amplitudes: of the front wheels' angle [rad], [levels].
         peaks: largest lateral acceleration of the sound car [m/s^2], [levels].
+        least, most: the same of all cars [m/s^2], [levels].
+        beyond: number of cars that leave the range of their tyres' law, [levels].
         shares: told right in the end, of each contender, [levels].
     """
 
+    amplitudes: np.ndarray
     peaks: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+    beyond: np.ndarray
     shares: dict[str, list[Interval]]
 
 
@@ -122,9 +132,9 @@ def quantile(times: np.ndarray, part: float) -> float:
     return float(np.quantile(times, part, method="inverted_cdf"))
 
 
-def straight(result: OwnPlant, who: str) -> Straight:
+def straight(result: OwnPlant, who: str, case: str = STRAIGHT) -> Straight:
     """Of one contender, over the whole drive."""
-    true, found = truths(result.cases[STRAIGHT]), result.verdicts[STRAIGHT][who]
+    true, found = truths(result.cases[case]), result.verdicts[case][who]
     is_sound = np.asarray(true == SOUND)
     sure = (found.soft > SURE).any(axis=-1)
     innocent = ~_soft(true)[:, None, :]
@@ -133,6 +143,7 @@ def straight(result: OwnPlant, who: str) -> Straight:
         float(np.mean(sure[is_sound])),
         float(np.mean((_soft(found.selected) & innocent).any(axis=-1)[~is_sound])),
         float(np.mean(((found.soft > SURE) & innocent).any(axis=-1)[~is_sound])),
+        float(np.mean(sure[is_sound][:, -1])),
         float(np.mean(switches_per_minute(result.time, found.selected[is_sound]))),
     )
 
@@ -160,14 +171,17 @@ def reliability(result: OwnPlant, case: str = MAIN) -> Reliability:
 def swept(result: OwnPlant) -> Swept:
     """The lane changes of different strength, from the mildest."""
     names = [name for name in result.cases if name.startswith("sweep")]
-    peaks = np.array([result.peaks[name][SOUND] for name in names])
+    peaks = np.array([result.peaks[name] for name in names])
+    beyond = (peaks > mode_limits(SPEED).guard).sum(axis=1)
+    amplitudes = np.array([result.cases[name].amplitude for name in names])
     shares = {
         who: [
             share(result.verdicts[n][who].selected[:, -1] == truths(result.cases[n])) for n in names
         ]
         for who in result.verdicts[MAIN]
     }
-    return Swept(peaks, shares)
+    ends = (peaks.min(axis=1), peaks.max(axis=1))
+    return Swept(amplitudes, peaks[:, SOUND], *ends, beyond, shares)
 
 
 def works(peaks: np.ndarray, shares: list[Interval]) -> tuple[float, float]:
@@ -186,7 +200,7 @@ def works(peaks: np.ndarray, shares: list[Interval]) -> tuple[float, float]:
 
 def condition_names(result: OwnPlant) -> list[str]:
     """Cases that hold something the estimators do not know of, and the usual one first."""
-    others = (MAIN, SECOND, STRAIGHT)
+    others = (MAIN, SECOND, STRAIGHT, EXACT_STEER)
     return [MAIN] + [n for n in result.cases if n not in others and not n.startswith("sweep")]
 
 
@@ -208,10 +222,10 @@ def sure_alarms(result: OwnPlant, case: str) -> float:
     return float(np.mean((found.soft[true == SOUND, -1] > SURE).any(axis=-1)))
 
 
-def level_shares(result: OwnPlant, who: str) -> tuple[np.ndarray, float, float]:
+def level_shares(trial: LevelTrial, who: str) -> tuple[np.ndarray, float, float]:
     """Share of the tyres of each level told as each [levels, levels], NaN where there is none;
     share of runs with all levels right; share with all tyres below the sound level found."""
-    true, told = result.levels.true, result.levels.told[who]
+    true, told = trial.true, trial.told[who]
     sound = 2
     counts = np.zeros((sound + 1, sound + 1))
     np.add.at(counts, (true.ravel(), told.ravel()), 1.0)

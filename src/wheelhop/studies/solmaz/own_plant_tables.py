@@ -9,7 +9,7 @@ import numpy as np
 from wheelhop.estimators.failure_modes import mode_names
 from wheelhop.io.report import DataTable
 from wheelhop.studies.solmaz.own_plant import BANK, OBSERVER, PRINTED, OwnPlant
-from wheelhop.studies.solmaz.own_plant_cases import MAIN, SECOND, STEER_NOISE
+from wheelhop.studies.solmaz.own_plant_cases import EXACT_STEER, MAIN, SECOND, STEER_NOISE
 from wheelhop.studies.solmaz.own_plant_measures import (
     RIGHT,
     condition_names,
@@ -55,11 +55,18 @@ def own_plant_in_words(settings: SolmazSettings) -> tuple[str, ...]:
 
 def own_plant_tables(result: OwnPlant) -> list[DataTable]:
     """Where it works, mode by mode, straight ahead, conditions."""
-    return [_where(result), _modes(result), _straight(result), _conditions(result)]
+    return [
+        _where(result),
+        _strength(result),
+        _modes(result),
+        _straight(result),
+        _conditions(result),
+    ]
 
 
 def _where(result: OwnPlant) -> DataTable:
-    peaks, shares = swept(result)
+    every = swept(result)
+    peaks, shares = every.peaks, every.shares
     rows = {who: works(peaks, shares[who]) for who in CONTENDERS}
     found = {who: score(result, MAIN, who) for who in CONTENDERS}
     second = {who: score(result, SECOND, who) for who in CONTENDERS}
@@ -89,6 +96,25 @@ def _finite(time: float) -> float | None:
     return time if np.isfinite(time) else None
 
 
+def _strength(result: OwnPlant) -> DataTable:
+    found = swept(result)
+    columns: dict[str, list[Any]] = {
+        "steering angle [rad]": list(found.amplitudes),
+        "sound car's a_y [m/s^2]": list(found.peaks),
+        "least a_y of a car [m/s^2]": list(found.least),
+        "largest [m/s^2]": list(found.most),
+        "cars beyond the law": list(found.beyond),
+    }
+    columns |= {
+        f"right {who} [%]": [100 * s.value for s in found.shares[who]] for who in CONTENDERS
+    }
+    note = (
+        "Beyond the law: a load exceeds k1 k2, where the printed force would point outwards and "
+        "none is taken. Where the largest a_y stays the same, the driver has lost that car."
+    )
+    return DataTable("Stronger and weaker lane changes", columns, note)
+
+
 def _modes(result: OwnPlant) -> DataTable:
     growth = mode_limits(SPEED).growth
     found = {who: score(result, MAIN, who) for who in CONTENDERS}
@@ -116,6 +142,7 @@ def _straight(result: OwnPlant) -> DataTable:
         "and sure of it [%]": [100 * s.sound_sure for s in found.values()],
         "soft cars: a sound tyre called soft [%]": [100 * s.soft for s in found.values()],
         "sure [%]": [100 * s.soft_sure for s in found.values()],
+        "sound cars, sure in the end [%]": [100 * s.sound_end for s in found.values()],
         "changes of mind [1/min]": [s.switches for s in found.values()],
     }
     note = "Shares of the time. Switched models are sure of whatever they say."
@@ -143,7 +170,8 @@ def _conditions(result: OwnPlant) -> DataTable:
 
 def own_plant_numbers(result: OwnPlant) -> dict[str, Any]:
     """Every figure; SI units, shares as fractions."""
-    peaks, shares = swept(result)
+    every = swept(result)
+    peaks, shares = every.peaks, every.shares
     found = reliability(result)
     contenders = {}
     for who in CONTENDERS:
@@ -179,9 +207,15 @@ def own_plant_numbers(result: OwnPlant) -> dict[str, Any]:
         "largest_lateral_acceleration": dict(
             zip(mode_names(), result.peaks[MAIN].tolist(), strict=True)
         ),
+        "straight_exact_steer": straight(result, BANK, EXACT_STEER)._asdict(),
         "levels": {
-            who: {"all_right": exact, "tires_found": which}
-            for who, (_, exact, which) in ((w, level_shares(result, w)) for w in result.levels.told)
+            case: {
+                who: dict(
+                    zip(("all_right", "tires_found"), level_shares(trial, who)[1:], strict=True)
+                )
+                for who in trial.told
+            }
+            for case, trial in result.levels.items()
         },
     }
 

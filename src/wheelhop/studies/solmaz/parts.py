@@ -3,6 +3,14 @@
 from __future__ import annotations
 
 from wheelhop.studies.frame import Part
+from wheelhop.studies.solmaz.fusion import fusion_demo
+from wheelhop.studies.solmaz.fusion_report import (
+    fusion_figures,
+    fusion_findings,
+    fusion_in_words,
+    fusion_numbers,
+    fusion_tables,
+)
 from wheelhop.studies.solmaz.own_plant import own_plant
 from wheelhop.studies.solmaz.own_plant_claims import own_plant_findings
 from wheelhop.studies.solmaz.own_plant_figures import own_plant_figures
@@ -37,6 +45,16 @@ PARTS: tuple[Part[SolmazSettings], ...] = (
         own_plant_tables,
         own_plant_figures,
         own_plant_numbers,
+    ),
+    Part(
+        "fusion",
+        "Both estimators together",
+        fusion_demo,
+        fusion_in_words,
+        fusion_findings,
+        fusion_tables,
+        fusion_figures,
+        fusion_numbers,
     ),
 )
 """In the order of the report."""
