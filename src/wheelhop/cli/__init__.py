@@ -8,6 +8,7 @@ import typer
 
 from wheelhop import __version__
 from wheelhop.cli.bound import bound
+from wheelhop.cli.cornering import cornering
 from wheelhop.cli.estimate import demo, estimate
 from wheelhop.cli.identify import identify
 from wheelhop.cli.montecarlo import montecarlo
@@ -21,7 +22,7 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
-    help="Tyre pressure from accelerometers: simulate, estimate, validate.",
+    help="Tyre pressure from accelerometers, and which tyre is soft from cornering.",
 )
 
 for _command in (
@@ -35,6 +36,7 @@ for _command in (
     tire,
     reproduce,
     bound,
+    cornering,
 ):
     app.command()(_command)
 

@@ -83,10 +83,18 @@ def lateral_params(
 
 
 def bind_drive(params: MultipleModelParams, drive: LateralInput) -> MultipleModelParams:
-    """The parameters with the inputs of one interval, the same for every member."""
+    """The parameters with the inputs of one interval, the same for every member.
+
+    The likelihoods' exponent is lowered to what the excitation is worth, a^2 / (a^2 + gate^2).
+    """
     modes = params.prior.shape[0]
     each = jax.tree.map(lambda a: jnp.broadcast_to(a[None], (modes, *a.shape)), drive)
-    return replace(params, members=replace(params.members, drive=each))
+    gate = params.members.tuning.gate[0]
+    excited, floor = drive.load_acceleration**2, gate * gate
+    open_always = floor <= 0.0
+    worth = jnp.where(open_always, 1.0, excited / jnp.where(open_always, 1.0, excited + floor))
+    members = replace(params.members, drive=each)
+    return replace(params, members=members, temper=params.temper * worth)
 
 
 def bank_prior(params: MultipleModelParams, friction: Any = 1.0) -> Gaussian:

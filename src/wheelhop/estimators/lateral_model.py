@@ -96,12 +96,16 @@ class LateralTuning:
             model leaves out, changes of road and drift of sensors.
         noise: standard deviations of the sensors.
         misfit: what the model leaves out of the lateral acceleration, as a share of it [-].
+        gate: lateral acceleration [m/s^2] at which a sample tells half of what its likelihood
+            says of the hypotheses; 0 takes every sample at its word. Straight ahead they are all
+            equal but for the noise they assume, which over a long time is no evidence.
     """
 
     prior: LateralBelief = LATERAL_PRIOR
     walk: LateralBelief = LATERAL_WALK
     noise: LateralReading = LATERAL_NOISE
     misfit: Any = 0.0
+    gate: Any = 0.5
 
 
 @jax.tree_util.register_dataclass

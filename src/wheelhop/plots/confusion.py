@@ -39,7 +39,7 @@ def plot_confusion(
     axes = figure.subplots(2, 2)
     for ax, (name, matrix) in zip(axes.flat, matrices.items(), strict=False):
         right = float(np.mean(np.diag(matrix)))
-        _matrix(ax, matrix, names, f"{name}: {right:.1%} right", 7, 5.5)
+        _matrix(ax, matrix, names, f"{name}: {right:.1%} right", 7.0, 5.5)
     last = axes.flat[-1]
     plain(last)
     width = 0.8 / len(tires)
@@ -69,10 +69,11 @@ def plot_levels(
         names: of the levels.
         title: headline of the figure.
     """
-    figure = Figure(figsize=(9.0, 3.7), layout="constrained")
-    axes = figure.subplots(1, len(matrices), squeeze=False)[0]
-    for ax, (name, matrix) in zip(axes, matrices.items(), strict=True):
-        _matrix(ax, matrix, names, name, 9, 10)
+    rows = -(-len(matrices) // 2)
+    figure = Figure(figsize=(9.0, 2.9 * rows + 0.4), layout="constrained")
+    axes = figure.subplots(rows, 2, squeeze=False).flat
+    for ax, (name, matrix) in zip(axes, matrices.items(), strict=False):
+        _matrix(ax, matrix, names, name, 9.0, 10.0)
     figure.suptitle(title, x=0.01, ha="left", fontsize=11)
     return figure
 
@@ -114,7 +115,7 @@ def plot_over_acceleration(
         peaks: largest lateral acceleration of the sound car [m/s^2], [levels].
         shares: of each contender, at each level.
         demanded: share from which on a method is said to work [-].
-        floors: lateral acceleration from which each does [m/s^2]; NaN if nowhere.
+        floors: lateral acceleration from which each does [m/s^2]; NaN for no mark.
         title: headline of the figure.
     """
     figure, grid = panel_grid(1, 1, height=4.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -177,18 +176,17 @@ def _compiled(samples: int) -> Any:
 
 
 def sensed(
-    drives: Cornering, rows: Iterable[int], case: Case, settings: SolmazSettings
+    drives: Cornering, rows: np.ndarray, case: Case, settings: SolmazSettings
 ) -> LateralSample:
     """What the sensors say, [rows, time]; the errors of a run depend on its place among those of
     its row, its case's number and the seed alone.
 
     Args:
         drives: noise-free, [cars, time].
-        rows: car of every run.
+        rows: car of every run, [rows].
         case: offsets and dropouts.
         settings: noise and seed.
     """
-    rows = np.asarray(list(rows))
     count = drives.time.shape[-1]
     noise, offset, uniform = _drawn(rows, count, case, settings)
     sizes = np.array([settings.noise, settings.yaw_rate_noise, case.steer_noise * STEER_NOISE])

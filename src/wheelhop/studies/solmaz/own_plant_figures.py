@@ -77,7 +77,9 @@ def acceleration_figure(result: OwnPlant) -> StudyFigure:
     """How much lateral acceleration is needed."""
     found = swept(result)
     peaks, shares = found.peaks, found.shares
-    floors = {who: works(peaks, s)[0] for who, s in shares.items()}
+    stretches = {who: works(peaks, s) for who, s in shares.items()}
+    # a single level is luck rather than a range
+    floors = {w: low if high > low else float("nan") for w, (low, high) in stretches.items()}
     columns: dict[str, object] = {"peak": peaks}
     for who, each in shares.items():
         for part in ("value", "low", "high"):
@@ -90,7 +92,7 @@ def acceleration_figure(result: OwnPlant) -> StudyFigure:
         columns,
         {"peak": "m/s^2"},
         "Share of runs told right in the end over the strength of the lane change, with 95 % "
-        f"Wilson intervals. Dotted: from where on at least {RIGHT:.0%} are right.",
+        f"Wilson intervals. Dotted: at least {RIGHT:.0%} are right there and at the next level.",
     )
 
 
@@ -169,6 +171,6 @@ def levels_figure(result: OwnPlant) -> StudyFigure:
         plot_levels(shares, LEVEL_NAMES, "81 models: how soft a tyre is told to be"),
         columns,
         {},
-        "Share of the tyres of each level [%] that are told as each, in the end, in two lane changes "
-        "by the largest lateral acceleration of the sound car; the columns are numbered likewise.",
+        "Share of the tyres of each level [%] told as each in the end, in two lane changes by "
+        "the sound car's largest lateral acceleration; the columns are numbered likewise.",
     )

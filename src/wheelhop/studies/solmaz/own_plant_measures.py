@@ -136,7 +136,7 @@ def straight(result: OwnPlant, who: str, case: str = STRAIGHT) -> Straight:
     """Of one contender, over the whole drive."""
     true, found = truths(result.cases[case]), result.verdicts[case][who]
     is_sound = np.asarray(true == SOUND)
-    sure = (found.soft > SURE).any(axis=-1)
+    sure = np.asarray((found.soft > SURE).any(axis=-1))
     innocent = ~_soft(true)[:, None, :]
     return Straight(
         float(np.mean(found.selected[is_sound] != SOUND)),
