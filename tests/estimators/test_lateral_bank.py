@@ -269,7 +269,7 @@ def test_a_filter_with_more_noise_than_the_vehicle_is_on_the_safe_side():
     assert np.all(nees[:, TIMES].mean(axis=0) < chi2.ppf(0.05, 2 * runs) / runs)
 
 
-def test_a_vehicle_that_is_almost_the_model_is_tracked_as_well_as_stated():
+def test_by_default_a_vehicle_that_is_the_model_is_stated_too_well_by_at_most_two():
     """The default noise is small beside what offsets and the delay of the loads do."""
     nees = consistency(LATERAL_WALK, LATERAL_WALK, 2)
     assert np.all(nees[:, TIMES].mean(axis=0) < 4.0)

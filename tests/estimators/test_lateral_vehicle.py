@@ -1,5 +1,7 @@
 """Which tyres are soft, for a user: verdicts that wait for cornering, thinning, refusals."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,7 @@ DT, SAMPLES, SPEED = 0.02, 400, 80 / 3.6
 LEVELS = (SOFT_TIRE, NOMINAL_TIRE)
 
 
+@cache
 def record(soft, amplitude=0.02):
     """A double lane change of the paper's car in NumPy, with noise."""
     t = DT * np.arange(1, SAMPLES + 1)

@@ -93,12 +93,14 @@ def bank_by_hand(y, change, temper):
     means, covs, logs = (np.stack(each) for each in zip(*filters, strict=True))
     p, found = PRIOR, []
     for k in range(len(y)):
-        weighed = ((1.0 - change) * p + change * PRIOR) * np.exp(temper * logs[:, k])
+        before = (1.0 - change) * p + change * PRIOR
+        evidence = before @ np.exp(logs[:, k])
+        weighed = before * np.exp(temper * logs[:, k])
         p = weighed / weighed.sum()
         mean = p @ means[:, k]
         apart = means[:, k] - mean
         cov = np.einsum("m,mij->ij", p, covs[:, k]) + np.einsum("m,mi,mj->ij", p, apart, apart)
-        found.append((p, np.log(weighed.sum()), mean, cov))
+        found.append((p, np.log(evidence), mean, cov))
     return [np.array(each) for each in zip(*found, strict=True)]
 
 

@@ -60,10 +60,35 @@ def test_a_declaration_names_columns_and_units(tmp_path):
 
 def test_rows_left_out_become_missing_samples_on_the_grid():
     kept = np.delete(np.arange(COUNT), [100, 101, 200])
-    found = checked_lateral(T[kept], LateralSample(*(entry[kept] for entry in SAMPLE)))
+    with pytest.warns(InputWarning, match="3 of 300 samples are missing in time"):
+        found = checked_lateral(T[kept], LateralSample(*(entry[kept] for entry in SAMPLE)))
     assert len(found.t) == COUNT
     lost = np.flatnonzero(np.isnan(found.sample.yaw_rate))
     np.testing.assert_array_equal(lost, [100, 101, 200])
+
+
+def test_stamps_rounded_or_jittering_lose_no_row():
+    rng = np.random.default_rng(0)
+    for rate, spread, digits in ((60.0, 0.0, 2), (120.0, 0.0, 3), (100.0, 2e-3, 6)):
+        t = np.arange(600) / rate + rng.uniform(-spread, spread, 600)
+        entry = np.sin(np.arange(600.0))
+        sample = LateralSample(0.1 * entry, np.full(600, 20.0), entry, entry)
+        found = checked_lateral(np.round(t, digits), sample).sample
+        np.testing.assert_array_equal(found.yaw_rate, entry)
+
+
+def test_rows_too_close_to_be_told_apart_are_refused():
+    t = T.copy()
+    t[150] = t[149] + 1e-4
+    with pytest.raises(InputError, match="are closer than half the interval"):
+        checked_lateral(t, SAMPLE)
+
+
+def test_infinite_samples_are_missing():
+    sample = SAMPLE._replace(yaw_rate=np.where(T[3] == T, np.inf, SAMPLE.yaw_rate))
+    with pytest.warns(InputWarning, match="yaw_rate"):
+        found = checked_lateral(T, sample)
+    assert np.isnan(found.sample.yaw_rate[3])
 
 
 def test_missing_entries_are_told():

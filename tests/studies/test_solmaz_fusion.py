@@ -53,6 +53,11 @@ def test_an_error_beyond_what_is_stated_is_no_success():
     assert fusion_findings(replace(invented(), fused=sharp))[1].verdict != HOLDS
 
 
+def test_a_pressure_farther_from_the_truth_than_one_alone_is_no_success():
+    far = course([194e3, 231e3, 232e3, 230e3], [9e3] * 4, [0.95, 0.004, 0.002, 0.003])
+    assert fusion_findings(replace(invented(), fused=far))[1].verdict != HOLDS
+
+
 def test_table_figure_and_numbers_hold_every_tyre():
     result = invented()
     (table,) = fusion_tables(result)

@@ -2,7 +2,8 @@
 
 A lateral estimator gives the probability of every combination h of levels, each level a pressure
 that was assumed; a vertical one a Gaussian over x = ln k_t of the four tyres. Both speak of the
-same tyres, by sensors whose errors have nothing in common, so that
+same tyres, and are taken as independent given these (a wrong load, or a wrong belief about what
+pressure does, moves both), so that
 
     p(h, x | both) ~ p(h | lateral) N(x; a_h, D_h^2) l(x),
 

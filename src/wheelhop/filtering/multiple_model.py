@@ -66,7 +66,7 @@ def multiple_model(member: Filter) -> Filter:
 
     Returns:
         A `Filter` over `MultipleModelState` and `MultipleModelParams`; its `Info` describes the
-        mixture, as that of `interacting`.
+        mixture, as that of `interacting`, and its log-likelihood is that of the untempered members.
 
     Raises:
         ValueError: by `init`, if the prior, the change or the temper are concrete and no
@@ -89,7 +89,8 @@ def multiple_model(member: Filter) -> Filter:
         temper = jnp.asarray(params.temper, infos.log_likelihood.dtype)[None]
         temper = trailing(temper, infos.log_likelihood.ndim)
         told = jnp.where(sound, temper * infos.log_likelihood, jnp.nan)
-        log_probabilities, log_likelihood = correct(predicted, told)
+        log_probabilities, _ = correct(predicted, told)
+        _, log_likelihood = correct(predicted, jnp.where(sound, infos.log_likelihood, jnp.nan))
         combined = member.mix(jnp.exp(log_probabilities), states)
         states = jax.tree.map(lambda own, one: _either(sound, own, one), states, combined)
         finite = all_finite((combined, log_likelihood))

@@ -94,14 +94,35 @@ def checked_lateral(t: np.ndarray, sample: LateralSample) -> LateralRecord:
         raise InputError(
             "speed", f"it falls to {np.nanmin(entries[1]):g} m/s", "Give the speed forwards."
         )
+    # the median interval where rows are missing, the mean one where stamps are rounded or jitter
+    dt = min((dt, span / (len(t) - 1)), key=lambda interval: _unevenness(t, interval))
     place = np.rint((t - t[0]) / dt).astype(int)
+    if len(np.unique(place)) < len(place):
+        row = int(np.flatnonzero(np.diff(place) == 0)[0])
+        raise InputError(
+            "t",
+            f"the times {t[row]:g} and {t[row + 1]:g} s are closer than half the interval of "
+            f"{dt:.4g} s",
+            "Resample the log on a uniform grid.",
+        )
     count = int(place[-1]) + 1
     if count > 2 * len(t):
         raise InputError(
             "t", f"{count - len(t)} of {count} samples are missing", "Cut the log at its gaps."
         )
+    if count > len(t):
+        warnings.warn(
+            InputWarning(f"{count - len(t)} of {count} samples are missing in time and left out"),
+            stacklevel=2,
+        )
     grid = LateralSample(*(_on_grid(place, count, entry) for entry in entries))
     return LateralRecord(t[0] + dt * np.arange(count), grid)
+
+
+def _unevenness(t: np.ndarray, dt: float) -> float:
+    """Rms distance of the times from a grid of this interval, in intervals."""
+    place = (t - t[0]) / dt
+    return float(np.sqrt(np.mean((place - np.rint(place)) ** 2)))
 
 
 def _check_signal(name: str, entry: np.ndarray, largest: float) -> None:
@@ -125,5 +146,5 @@ def _check_signal(name: str, entry: np.ndarray, largest: float) -> None:
 
 def _on_grid(place: np.ndarray, count: int, entry: np.ndarray) -> np.ndarray:
     found = np.full(count, np.nan)
-    found[place] = entry
+    found[place] = np.where(np.isfinite(entry), entry, np.nan)
     return found

@@ -62,7 +62,8 @@ def fusion_findings(result: FusionDemo) -> list[Finding]:
     return [
         Finding(
             "fusion",
-            "both together are surer of the soft tyre than either, and sure that the others hold",
+            "in this drive both together are surer of the soft tyre than either, and sure that the "
+            "others hold",
             "; ".join(f"{name} {p[SOFT]:.2f}" for name, p in low.items())
             + f"; the others, both: at most {others.max():.3f}",
             verdict_of([more, low["both"][SOFT] >= SURE, others.max() <= CLEAR]),
@@ -71,10 +72,13 @@ def fusion_findings(result: FusionDemo) -> list[Finding]:
         ),
         Finding(
             "fusion",
-            "the fused pressure of the soft tyre is closer to the truth, and within its own error",
+            "in this drive the fused pressure of the soft tyre is closest to the truth, and within "
+            "its own error",
             "; ".join(f"{n} off by {error[n]:+.0f} kPa, stated {sd[n]:.0f}" for n in error),
             verdict_of(
                 [
+                    abs(error["both"])
+                    < min(abs(error["vertical alone"]), abs(error["lateral alone"])),
                     sd["both"] < min(sd["vertical alone"], sd["lateral alone"]),
                     abs(error["both"]) <= 2.0 * sd["both"],
                 ]

@@ -26,11 +26,13 @@ def confusion(true: np.ndarray, told: np.ndarray) -> np.ndarray:
 
 
 def share(right: np.ndarray) -> Interval:
-    """Share of runs, with its 95 % Wilson interval.
+    """Share of runs, with its 95 % Wilson interval; of no runs NaN, between 0 and 1.
 
     Args:
         right: whether each run is, [runs].
     """
+    if len(right) == 0:
+        return Interval(float("nan"), 0.0, 1.0)
     n, p, z = len(right), float(np.mean(right)), 1.959964
     middle = (p + z * z / (2 * n)) / (1 + z * z / n)
     half = z / (1 + z * z / n) * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))

@@ -3,6 +3,14 @@
 from __future__ import annotations
 
 from wheelhop.studies.frame import Part
+from wheelhop.studies.solmaz.full_vehicle import full_vehicle
+from wheelhop.studies.solmaz.full_vehicle_claims import full_vehicle_findings
+from wheelhop.studies.solmaz.full_vehicle_figures import full_vehicle_figures
+from wheelhop.studies.solmaz.full_vehicle_tables import (
+    full_vehicle_in_words,
+    full_vehicle_numbers,
+    full_vehicle_tables,
+)
 from wheelhop.studies.solmaz.fusion import fusion_demo
 from wheelhop.studies.solmaz.fusion_report import (
     fusion_figures,
@@ -45,6 +53,16 @@ PARTS: tuple[Part[SolmazSettings], ...] = (
         own_plant_tables,
         own_plant_figures,
         own_plant_numbers,
+    ),
+    Part(
+        "vehicle",
+        "The full vehicle",
+        full_vehicle,
+        full_vehicle_in_words,
+        full_vehicle_findings,
+        full_vehicle_tables,
+        full_vehicle_figures,
+        full_vehicle_numbers,
     ),
     Part(
         "fusion",
