@@ -231,9 +231,10 @@ def told(sample: LateralSample, believed: str, lanes: int) -> dict[str, np.ndarr
         sample, dt, car, levels, VEHICLE_LATERAL_TUNING, VEHICLE_TEMPER, MAGIC_FORMULA, lanes
     )
     switched = by_switching(sample, dt, car, levels, STEADY_TUNING, law=MAGIC_FORMULA, lanes=lanes)
-    found = {}
+    found: dict[str, np.ndarray] = {}
     for who, verdicts in ((BANK, bank), (SWITCHED, switched)):
-        small = (verdicts.selected.astype(np.int8), *(a.astype(np.float32) for a in verdicts[1:]))
+        small: list[np.ndarray] = [verdicts.selected.astype(np.int8)]
+        small += [entry.astype(np.float32) for entry in verdicts[1:]]
         found |= {f"{who} {n}": v for n, v in zip(Verdicts._fields, small, strict=True)}
     return found
 
@@ -247,8 +248,8 @@ def _joined(parts: list[dict[str, np.ndarray]]) -> Outcome:
         selected, *rest = (whole[f"{who} {name}"] for name in Verdicts._fields)
         return Verdicts(selected.astype(int), *rest)
 
-    plain = (whole[name] for name in Outcome._fields[:6])
-    return Outcome(*plain, verdicts(BANK), verdicts(SWITCHED))
+    plain = {name: whole[name] for name in Outcome._fields[:-2]}
+    return Outcome(**plain, bank=verdicts(BANK), switched=verdicts(SWITCHED))
 
 
 def _example(piece: Piece, condition: Condition, settings: SolmazSettings) -> dict[str, np.ndarray]:

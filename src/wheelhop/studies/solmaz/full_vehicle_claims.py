@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from wheelhop.estimators.lateral_vehicle import CORNERING, HELD, SURE
@@ -125,7 +127,7 @@ def _straight(result: FullVehicleResult) -> Finding:
     )
 
 
-def _robust(result: FullVehicleResult, names: list[str], claim: str) -> Finding:
+def _robust(result: FullVehicleResult, names: Sequence[str], claim: str) -> Finding:
     tallies = [tally(result.outcomes[n]) for n in names]
     said = "; ".join(
         f"{n}: {t.right.value:.0%} right, {t.outcomes[3]:.0%} told wrong"
