@@ -102,11 +102,13 @@ def result(**changed):
 
 
 def test_shares_are_those_of_the_runs_that_kept_to_the_road():
+    # all four soft and told without RR, FL+FR+RL told as FL+FR+RR, and a run that is lost
     wrong, unsure, lost = (0, 1, 2), (3, 4, 16), (2, 40)
     found = tally(invented(wrong, unsure, lost))
     runs = len(TRUE) - 2
     assert (found.runs, found.lost) == (runs, 2)
-    np.testing.assert_allclose(found.outcomes, np.array([runs - 5, 3, 0, 2]) / runs)
+    np.testing.assert_allclose(found.outcomes, np.array([runs - 5, 3, 0, 1, 1]) / runs)
+    np.testing.assert_allclose(found.wrong, 2 / runs)
     np.testing.assert_allclose(found.right.value, 1 - 2 / runs)
     np.testing.assert_allclose(found.told, 1 - 3 / runs)
     kept = ~np.isin(np.arange(len(TRUE)), lost)

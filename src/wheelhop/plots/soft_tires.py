@@ -17,7 +17,8 @@ OUTCOME_COLOURS = {
     "told right": "#2e7d32",
     "right tyres most probable, not told": "#b7d9a8",
     "others most probable, not told": "#d9d9d9",
-    "told wrong": "#c0392b",
+    "told, a soft tyre missed": "#ef9a3c",
+    "told, a sound tyre called soft": "#c0392b",
 }
 """Of the shares in `plot_outcomes`, from the left."""
 
@@ -50,12 +51,16 @@ def plot_soft_tires(record: LateralRecord, found: SoftTires, title: str = "") ->
         label="yaw rate [10 °/s]",
     )
     top.set_ylabel("measured")
-    legend(top, ncols=2, loc="upper right")
+    legend(top, ncols=2, loc="lower right")
     for k, (corner, colour) in enumerate(CORNER_COLOURS.items()):
-        middle.plot(t, 100 * found.soft[:, k], color=colour, linewidth=1.8, label=corner)
+        # tyres of one side often go together: a dashed line shows the one below
+        style = "-" if corner.endswith("L") else (0, (4, 3))
+        middle.plot(
+            t, 100 * found.soft[:, k], color=colour, linestyle=style, linewidth=2.0, label=corner
+        )
     middle.set(ylim=(-3, 103))
     middle.set_ylabel("probability that the\ntyre is soft [%]")
-    legend(middle, ncols=4, loc="center left")
+    legend(middle, ncols=4, loc="center right")
     _verdicts(middle, t, found.verdict)
     spread = np.exp(_SPREAD * found.friction_sigma)
     bottom.fill_between(
@@ -90,7 +95,7 @@ def _verdicts(ax: Any, t: np.ndarray, verdict: np.ndarray) -> None:
     late = begin > 0.6 * len(t)
     ax.annotate(
         words,
-        (t[begin], 0.62),
+        (t[begin], 0.72),
         xycoords=("data", "axes fraction"),
         xytext=(-6 if late else 6, 0),
         textcoords="offset points",
@@ -107,7 +112,7 @@ def plot_outcomes(
     contender_name: str,
     title: str = "",
 ) -> Figure:
-    """Row by row, what becomes of the runs: told right, not told, told wrong.
+    """Row by row, what becomes of the runs: told right, not told, or told wrong in which way.
 
     Args:
         rows: names, from the top.

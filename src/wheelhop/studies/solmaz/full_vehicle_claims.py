@@ -17,6 +17,7 @@ from wheelhop.studies.solmaz.full_vehicle_measures import (
     times,
     works_from,
 )
+from wheelhop.studies.solmaz.full_vehicle_tables import lost_stiffness
 from wheelhop.studies.solmaz.vehicle_conditions import (
     MAIN,
     NO_EFFECT,
@@ -49,7 +50,9 @@ def full_vehicle_findings(result: FullVehicleResult) -> list[Finding]:
         n for n in ("open-loop steering", "three times the offsets", "road class B") if n in names
     ]
     if others:
-        found.append(_robust(result, others, "other steering, offsets and a rough road may be"))
+        found.append(
+            _robust(result, others, "open-loop steering, large offsets and a rough road do no harm")
+        )
     pressures = [n for n in names if n.startswith("soft tyres of")]
     if pressures:
         found.append(_robust(result, pressures, "the soft tyres need not be as soft as believed"))
@@ -75,13 +78,13 @@ def _main(result: FullVehicleResult) -> Finding:
 
 def _trust(result: FullVehicleResult) -> Finding:
     t = tally(result.outcomes[MAIN])
-    wrong = t.outcomes[3]
     return Finding(
         _PLACE,
         "what is told can be trusted",
-        f"told in {t.told:.1%} of the runs, wrong in {wrong:.1%} of all at the end and in "
-        f"{t.ever:.1%} at some time",
-        verdict_of([wrong <= RARE, t.ever <= RARE]),
+        f"told in {t.told:.1%} of the runs; at the end a sound tyre is called soft in "
+        f"{t.outcomes[4]:.1%} of all, a soft one missed in {t.outcomes[3]:.1%}; at some time "
+        f"something wrong is told in {t.ever:.1%}",
+        verdict_of([t.outcomes[4] <= RARE, t.outcomes[3] <= RARE, t.ever <= RARE]),
         f"Told means a probability of {SURE:g} for {HELD:g} s, once the lateral acceleration over "
         f"half a second has reached {CORNERING:g} m/s^2.",
     )
@@ -130,12 +133,12 @@ def _straight(result: FullVehicleResult) -> Finding:
 def _robust(result: FullVehicleResult, names: Sequence[str], claim: str) -> Finding:
     tallies = [tally(result.outcomes[n]) for n in names]
     said = "; ".join(
-        f"{n}: {t.right.value:.0%} right, {t.outcomes[3]:.0%} told wrong"
+        f"{n}: {t.right.value:.0%} right, {t.wrong:.0%} told wrong"
         + (f", {t.lost} of {t.lost + t.runs} lost control" if t.lost else "")
         for n, t in zip(names, tallies, strict=True)
     )
     good = [t.right.value >= RIGHT for t in tallies]
-    honest = [t.outcomes[3] <= RARE for t in tallies]
+    honest = [t.wrong <= RARE for t in tallies]
     return Finding(
         _PLACE,
         claim,
@@ -147,12 +150,14 @@ def _robust(result: FullVehicleResult, names: Sequence[str], claim: str) -> Find
 
 def _opposite(result: FullVehicleResult) -> Finding:
     unknown, known = (tally(result.outcomes[n]) for n in (OPPOSITE, OPPOSITE_KNOWN))
+    gain = -lost_stiffness("published")
     return Finding(
         _PLACE,
         "the method needs the sign of the pressure's effect on the cornering stiffness",
-        f"tyres that stiffen as they lose pressure, judged as if they softened: "
-        f"{unknown.right.value:.0%} right, {unknown.outcomes[3]:.0%} told wrong; judged as what "
-        f"they are: {known.right.value:.0%} right, {known.outcomes[3]:.0%} told wrong",
+        f"tyres that gain {gain:.0%} of stiffness as they lose pressure, judged as if they lost "
+        f"{lost_stiffness('falling'):.0%}: {unknown.right.value:.0%} right, in "
+        f"{unknown.outcomes[4]:.0%} a sound tyre is called soft; judged as what they are: "
+        f"{known.right.value:.0%} right, {known.wrong:.0%} told wrong",
         verdict_of([unknown.right.value < RIGHT, known.right.value > unknown.right.value]),
         "Tyres of both kinds are published; which kind a car has must be known beforehand.",
     )
@@ -160,12 +165,12 @@ def _opposite(result: FullVehicleResult) -> Finding:
 
 def _no_effect(result: FullVehicleResult) -> Finding:
     t = tally(result.outcomes[NO_EFFECT])
-    soft = 1.0 - t.alarms
     return Finding(
         _PLACE,
-        "where pressure has no effect on the lateral force nothing wrong is told",
-        f"a combination is told in {t.told:.0%} of the runs, the wrong one in {t.outcomes[3]:.0%}; "
-        f"of sound cars, no soft tyre is told in {soft:.0%}",
-        verdict_of([t.outcomes[3] <= RARE]),
-        "A soft tyre that corners as a sound one looks sound: silence is no proof of pressure.",
+        "where pressure has no effect on the lateral force, nothing wrong is told",
+        f"a sound tyre is called soft in {t.outcomes[4]:.0%} of the runs; that there is no soft "
+        f"tyre, or fewer than there are, is told in {t.outcomes[3]:.0%}",
+        verdict_of([t.outcomes[4] <= RARE, t.outcomes[3] <= RARE]),
+        "A soft tyre that corners as a sound one is told to be sound: what is told is the loss of "
+        "cornering stiffness, not the pressure.",
     )

@@ -61,16 +61,16 @@ def confusion_figure(result: FullVehicleResult) -> StudyFigure:
     true = outcome.true[~outcome.lost]
     last = result.time[-1] - ONSET
     told = {
-        f"{SWITCHED}, at the end": selected_at(result, SWITCHED, last),
-        f"{BANK}, after {EARLY:g} s": selected_at(result, BANK, EARLY),
-        f"{BANK}, at the end": selected_at(result, BANK, last),
+        SWITCHED: selected_at(result, SWITCHED, last),
+        f"bank, {EARLY:g} s": selected_at(result, BANK, EARLY),
+        "bank": selected_at(result, BANK, last),
     }
     matrices = {name: confusion(true, modes) for name, modes in told.items()}
     names = mode_names()
     row, column = np.indices((len(names), len(names)))
     columns = {"true": np.array(names)[row.ravel()], "told": np.array(names)[column.ravel()]}
     columns |= {name: m.ravel() for name, m in matrices.items()}
-    right = np.mean(told[f"{BANK}, at the end"] == true)
+    right = np.mean(told["bank"] == true)
     return StudyFigure(
         "vehicle_confusion",
         plot_confusion(
@@ -82,7 +82,8 @@ def confusion_figure(result: FullVehicleResult) -> StudyFigure:
         ),
         columns,
         {},
-        "Share of the runs of each combination (rows) that are told as each (columns) [%].",
+        "Share of the runs of each combination (rows) that are told as each (columns) [%], at the "
+        f"end and {EARLY:g} s after steering began.",
     )
 
 
@@ -111,7 +112,7 @@ def conditions_figure(result: FullVehicleResult) -> StudyFigure:
         "vehicle_conditions",
         list(result.outcomes),
         [tally(outcome) for outcome in result.outcomes.values()],
-        "What the estimators are not told: most is harmless, the pressure law must be known",
+        "What the estimators are not told, and what becomes of the runs",
         "Runs that lost control are left out.",
     )
 

@@ -37,7 +37,8 @@ class Tally(NamedTuple):
         right: most probable at the end is the truth.
         switched: the switched models name the truth at the end.
         told: a combination is told at the end, as `lateral_vehicle.is_told` says.
-        outcomes: told right, right but not told, others but not told, told wrong, [4].
+        outcomes: by the names of `OUTCOME_COLOURS`, [5].
+        wrong: something wrong is told at the end.
         tires: each tyre right in what is most probable at the end, [4].
         alarms: sound cars of which a soft tyre is told; NaN without sound cars.
         ever: runs of which something wrong was told at any time.
@@ -49,6 +50,7 @@ class Tally(NamedTuple):
     switched: Interval
     told: float
     outcomes: np.ndarray
+    wrong: float
     tires: np.ndarray
     alarms: float
     ever: float
@@ -70,7 +72,15 @@ def tally(outcome: Outcome, chosen: np.ndarray | None = None) -> Tally:
     is_told = telling[:, -1]
     sound = true == SOUND
     alarms = float(np.mean(wrong[sound, -1])) if sound.any() else float("nan")
-    parts = (is_told & right, ~is_told & right, ~is_told & ~right, is_told & ~right)
+    soft = level_table(2) == 0
+    accused = (soft[last] & ~soft[true]).any(axis=1)
+    parts = (
+        is_told & right,
+        ~is_told & right,
+        ~is_told & ~right,
+        is_told & ~right & ~accused,
+        is_told & accused,
+    )
     lost = outcome.lost if chosen is None else outcome.lost & chosen
     return Tally(
         int(kept.sum()),
@@ -79,6 +89,7 @@ def tally(outcome: Outcome, chosen: np.ndarray | None = None) -> Tally:
         share(outcome.switched.selected[kept, -1] == true),
         float(is_told.mean()),
         np.array([part.mean() for part in parts]),
+        float((is_told & ~right).mean()),
         tires_right(true, last),
         alarms,
         float(wrong.any(axis=1).mean()),

@@ -27,6 +27,7 @@ from wheelhop.studies.solmaz.settings import SolmazSettings
 from wheelhop.studies.solmaz.vehicle_conditions import ASSUMED, MAIN, conditions
 from wheelhop.studies.solmaz.vehicle_drives import SOUND, lateral_suv
 from wheelhop.vehicle.full_vehicle_parameters import CORNERS
+from wheelhop.vehicle.full_vehicle_state import STANDARD_GRAVITY
 from wheelhop.vehicle.magic_formula import slip_stiffness
 
 
@@ -54,11 +55,15 @@ def full_vehicle_in_words(settings: SolmazSettings) -> tuple[str, ...]:
     )
 
 
-def lost_stiffness() -> float:
-    """Share of the cornering stiffness that a soft tyre has lost at the mean wheel load [-]."""
-    vehicle = lateral_suv()
+def lost_stiffness(law: str = "falling") -> float:
+    """Share of the cornering stiffness that a soft tyre has lost at the mean wheel load [-].
+
+    Args:
+        law: of the pressure, a key of `vehicle_drives.PRESSURE_LAWS`.
+    """
+    vehicle = lateral_suv(law)
     c = vehicle.chassis
-    load = 0.25 * 9.80665 * float(np.asarray(c.body_mass) + np.sum(c.wheel_mass))
+    load = 0.25 * STANDARD_GRAVITY * float(np.asarray(c.body_mass) + np.sum(c.wheel_mass))
     loads = np.full(4, load)
     soft, sound = (
         float(np.sum(slip_stiffness(loads, np.full(4, p), vehicle.tire.slip)[1]))
@@ -93,7 +98,8 @@ def _table(title: str, first: str, rows: list[tuple[str, Tally]]) -> DataTable:
         "bank right [%]": percent(t.right.value for t in tallies),
         "told right [%]": percent(t.outcomes[0] for t in tallies),
         "nothing told [%]": percent(1.0 - t.told for t in tallies),
-        "told wrong [%]": percent(t.outcomes[3] for t in tallies),
+        "told, soft tyre missed [%]": percent(t.outcomes[3] for t in tallies),
+        "told, sound called soft [%]": percent(t.outcomes[4] for t in tallies),
         "told wrong at any time [%]": percent(t.ever for t in tallies),
         "worst tyre right [%]": percent(t.tires.min() for t in tallies),
         "observer right [%]": percent(t.switched.value for t in tallies),
@@ -141,7 +147,8 @@ def _numbers(t: Tally) -> dict[str, Any]:
         "observer_right": list(t.switched),
         "told": t.told,
         "told_right": float(t.outcomes[0]),
-        "told_wrong": float(t.outcomes[3]),
+        "told_a_soft_tire_missed": float(t.outcomes[3]),
+        "told_a_sound_tire_called_soft": float(t.outcomes[4]),
         "told_wrong_ever": t.ever,
         "tires_right": dict(zip(CORNERS, t.tires.tolist(), strict=True)),
         "false_alarms": _finite(t.alarms),
