@@ -24,6 +24,7 @@ from wheelhop.studies.solmaz.full_vehicle_measures import (
     by_peak,
     false_names,
     reliability,
+    sure_and_wrong,
     tally,
     times,
     told_over_time,
@@ -116,6 +117,7 @@ def test_shares_are_those_of_the_runs_that_kept_to_the_road():
     observer[list(wrong)] = False
     np.testing.assert_allclose(found.switched.value, observer[kept].mean())
     assert found.alarms == 0.0
+    np.testing.assert_allclose(sure_and_wrong(invented(wrong, unsure, lost)), 2 / runs)
 
 
 def test_what_is_told_too_early_counts_as_told_wrong_at_some_time():

@@ -13,6 +13,7 @@ from wheelhop.studies.solmaz.full_vehicle import BANK, SWITCHED, FullVehicleResu
 from wheelhop.studies.solmaz.full_vehicle_measures import (
     RIGHT,
     false_names,
+    sure_and_wrong,
     tally,
     times,
     works_from,
@@ -98,7 +99,7 @@ def _time(result: FullVehicleResult) -> Finding:
         f"the soft tyre is named within {SOON:g} s of the onset of steering",
         f"for good after {median:.1f} s (median), {most:.1f} s (nine of ten runs)",
         verdict_of([median <= SOON, most <= SOON]),
-        "A double lane change of 3.5 m lasts 5 to 16 s.",
+        "Runs that are wrong at the end count as never.",
     )
 
 
@@ -117,8 +118,9 @@ def _straight(result: FullVehicleResult) -> Finding:
     names = [n for n in (STRAIGHT, STRAIGHT_ROUGH) if n in result.outcomes]
     tallies = [tally(result.outcomes[n]) for n in names]
     said = "; ".join(
-        f"{n}: something is told in {t.told:.1%} of {t.runs} runs, the switched models call a "
-        f"sound tyre soft in {false_names(result.outcomes[n], SWITCHED):.1%}"
+        f"{n}: something is told in {t.told:.1%} of {t.runs} runs (sure but silent and wrong in "
+        f"{sure_and_wrong(result.outcomes[n]):.1%}), the switched models call a sound tyre soft in "
+        f"{false_names(result.outcomes[n], SWITCHED):.1%}"
         for n, t in zip(names, tallies, strict=True)
     )
     return Finding(

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wheelhop.estimators.failure_modes import level_table
-from wheelhop.estimators.lateral_vehicle import is_told
+from wheelhop.estimators.lateral_vehicle import SURE, is_told
 from wheelhop.evaluation.tracking import Interval
 from wheelhop.plots.soft_tires import OUTCOME_COLOURS
 from wheelhop.studies.solmaz.full_vehicle import BANK, FullVehicleResult, Outcome
@@ -191,6 +191,17 @@ def false_names(outcome: Outcome, who: str) -> float:
     soft = level_table(2) == 0
     last = verdicts_of(outcome, who).selected[~outcome.lost, -1]
     return float(np.mean((soft[last] & ~soft[outcome.true[~outcome.lost]]).any(axis=1)))
+
+
+def sure_and_wrong(outcome: Outcome) -> float:
+    """Share of the runs in which the bank is sure of something wrong at the end, told or not [-].
+
+    Args:
+        outcome: of a condition.
+    """
+    bank, kept = outcome.bank, ~outcome.lost
+    wrong = bank.selected[:, -1] != outcome.true
+    return float(np.mean((wrong & (bank.probability[:, -1] >= SURE))[kept]))
 
 
 def outcome_shares(tallies: list[Tally]) -> dict[str, np.ndarray]:
