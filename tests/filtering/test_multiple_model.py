@@ -385,4 +385,5 @@ def test_rounded_probabilities_are_accepted(precision):
     """0.1 + 0.2 + 0.7 is not one in float32."""
     given = MultipleModelParams(jnp.asarray(STIFFNESS), jnp.array([0.1, 0.2, 0.7]))
     coarse, rounded = jax.tree.map(lambda a: jnp.asarray(a, precision), (belief(), given))
-    BANK.init(coarse, rounded)
+    begun = BANK.init(coarse, rounded)
+    np.testing.assert_allclose(np.exp(begun.log_probabilities), [0.1, 0.2, 0.7], rtol=1e-6)
