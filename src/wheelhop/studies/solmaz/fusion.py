@@ -32,7 +32,7 @@ from wheelhop.estimators.lateral_model import (
 from wheelhop.estimators.pressure import StiffnessBelief, ln_stiffness
 from wheelhop.estimators.stiffness import prior_ln_sigma
 from wheelhop.estimators.vertical_evidence import no_evidence, vertical_evidence, walked
-from wheelhop.filtering import drive
+from wheelhop.filtering import run_batch
 from wheelhop.studies.frame import Advance, Store
 from wheelhop.studies.solmaz.settings import SolmazSettings
 from wheelhop.studies.solmaz.vehicle_drives import SOUND, lateral_suv, sound_vehicle
@@ -266,10 +266,10 @@ def _lateral(logs: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     readings, inputs = readings_and_inputs(sample)
     filter = lateral_bank(MAGIC_FORMULA)
     state = filter.init(bank_prior(params), params)
-    found = drive.run_compiled(
-        filter, state, readings, params, inputs=inputs, bind=bind_drive, keep=_keep
-    )
-    return {"t": logs["t"][chosen], "log_probabilities": np.asarray(found, float)}
+    # as a batch of one: compiled in a fraction of the time of the loop as one native function
+    ys, us = jax.tree.map(lambda a: a[None], (readings, inputs))
+    found = run_batch(filter, state, ys, params, inputs=us, bind=bind_drive, keep=_keep)
+    return {"t": logs["t"][chosen], "log_probabilities": np.asarray(found[0], float)}
 
 
 def _keep(state: Any, info: Any) -> Any:
