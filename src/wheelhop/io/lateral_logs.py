@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
-from wheelhop.errors import InputError, require_in_range
+from wheelhop.errors import require_in_range
 from wheelhop.io.settings import read_declaration
-from wheelhop.io.tables import Table, read_table
-from wheelhop.io.units import to_si
+from wheelhop.io.tables import declared_column, read_table
 from wheelhop.vehicle.lateral_record import LateralRecord, LateralSample, checked_lateral
 
 COLUMNS = {
@@ -50,28 +47,9 @@ def read_lateral_log(
     wheel = names.get("steer", "steer") in table.columns
     steer = "steer" if wheel else "steering_wheel"
     found = {
-        field: _column(table, field, units, names) for field in ("t", "v", "a_y", "yaw_rate", steer)
+        field: declared_column(table, field, *COLUMNS[field], units, names)
+        for field in ("t", "v", "a_y", "yaw_rate", steer)
     }
     angle = found[steer] if wheel else found[steer] / steering_ratio
     sample = LateralSample(angle, found["v"], found["a_y"], found["yaw_rate"])
     return checked_lateral(found["t"], sample)
-
-
-def _column(table: Table, field: str, units: dict[str, str], names: dict[str, str]) -> np.ndarray:
-    name = names.get(field, field)
-    quantity, usual = COLUMNS[field]
-    if name not in table.columns:
-        raise InputError(
-            f"column {name!r}",
-            f"{table.path.name} has only {table.contents}",
-            f'Add the column, or name it in a TOML file: [columns] {field} = "...".',
-        )
-    unit = units.get(field) or table.units.get(name)
-    if not unit:
-        raise InputError(
-            f"column {name!r}",
-            f"{table.path.name} declares no unit for it",
-            f"Write the unit in the header, '{name} [{usual}]', or in a TOML file: "
-            f'[units] {field} = "{usual}".',
-        )
-    return table.columns[name] * to_si(f"column {name!r}", quantity, unit)

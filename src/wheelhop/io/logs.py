@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from wheelhop.errors import InputError
 from wheelhop.io.results import write_table
 from wheelhop.io.settings import read_declaration
-from wheelhop.io.tables import Table, read_table
-from wheelhop.io.units import to_si
+from wheelhop.io.tables import Table, declared_column, read_table
 from wheelhop.vehicle.record import CornerRecord, checked_record
 
 REQUIRED = {"t": "time", "a_s": "acceleration", "a_u": "acceleration", "v": "speed"}
@@ -56,7 +53,7 @@ def read_log(
     )
     names = _columns_of_corner(table, corner, names) | names
     columns = {
-        field: _column(table, field, quantity, units, names)
+        field: declared_column(table, field, quantity, LOG_UNITS[field], units, names)
         for field, quantity in (REQUIRED | OPTIONAL).items()
         if field in REQUIRED or field in names or field in table.columns
     }
@@ -124,28 +121,3 @@ def _columns_of_corner(table: Table, corner: str | None, names: dict[str, str]) 
         for field in ("a_s", "a_u", *OPTIONAL)
         if f"{field}_{corner}" in present
     }
-
-
-def _column(
-    table: Table,
-    field: str,
-    quantity: str,
-    units: dict[str, str],
-    names: dict[str, str],
-) -> np.ndarray:
-    name = names.get(field, field)
-    if name not in table.columns:
-        raise InputError(
-            f"column {name!r}",
-            f"{table.path.name} has only {table.contents}",
-            f'Add the column, or name it in a TOML file: [columns] {field} = "...".',
-        )
-    unit = units.get(field) or table.units.get(name)
-    if not unit:
-        raise InputError(
-            f"column {name!r}",
-            f"{table.path.name} declares no unit for it",
-            f"Write the unit in the header, '{name} [{LOG_UNITS[field]}]', or in a TOML file: "
-            f'[units] {field} = "{LOG_UNITS[field]}".',
-        )
-    return table.columns[name] * to_si(f"column {name!r}", quantity, unit)

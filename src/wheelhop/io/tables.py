@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from wheelhop.errors import InputError
+from wheelhop.io.units import to_si
 
 _HEADER = re.compile(r"^\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 
@@ -143,3 +145,41 @@ def _number(path: Path, line: int, name: str, cell: str) -> float:
             f"line {line}, column {name!r}: {text!r} is not a number",
             "Use numbers with a point as decimal mark, and leave missing cells empty.",
         ) from error
+
+
+def declared_column(
+    table: Table,
+    field: str,
+    quantity: str,
+    usual: str,
+    units: Mapping[str, str],
+    names: Mapping[str, str],
+) -> np.ndarray:
+    """A column of a log in SI units.
+
+    Args:
+        table: the log.
+        field: what the column holds, and its name unless `names` has another.
+        quantity: a key of `units.UNITS`.
+        usual: its usual unit, for messages.
+        units, names: by field, as from `settings.read_declaration`.
+
+    Raises:
+        InputError: if the column is missing, or declares no unit or a strange one.
+    """
+    name = names.get(field, field)
+    if name not in table.columns:
+        raise InputError(
+            f"column {name!r}",
+            f"{table.path.name} has only {table.contents}",
+            f'Add the column, or name it in a TOML file: [columns] {field} = "...".',
+        )
+    unit = units.get(field) or table.units.get(name)
+    if not unit:
+        raise InputError(
+            f"column {name!r}",
+            f"{table.path.name} declares no unit for it",
+            f"Write the unit in the header, '{name} [{usual}]', or in a TOML file: "
+            f'[units] {field} = "{usual}".',
+        )
+    return table.columns[name] * to_si(f"column {name!r}", quantity, unit)

@@ -47,7 +47,7 @@ def full_vehicle_in_words(settings: SolmazSettings) -> tuple[str, ...]:
         f"{settings.noise:g} m/s^2 and {settings.yaw_rate_noise:g} rad/s and offsets of "
         f"{OFFSETS.lateral_acceleration:g} m/s^2, {OFFSETS.yaw_rate:g} rad/s, "
         f"{OFFSETS.steering_wheel:g} rad at the steering wheel and {OFFSETS.speed:g} m/s "
-        "(standard deviations). The bank's tuning was chosen on other drives and other maneuvers.",
+        "(standard deviations). The bank's tuning was chosen on other random drives of this car.",
         f"A combination is told once its probability has been {SURE:g} for {HELD:g} s and the "
         f"lateral acceleration over half a second has reached {CORNERING:g} m/s^2; until then the "
         "bank says that it does not know. "

@@ -48,7 +48,8 @@ PRESSURE_LAWS: dict[str, dict[str, float]] = {
 }
 """Lateral pressure coefficients. "falling": cornering stiffness goes with pressure, the paper's
 premise (45 % lost from 230 to 115 kPa). "published": a passenger tyre of the kind Besselink,
-Schmeitz & Pacejka 2010 describe, which stiffens as it loses pressure. "none": no effect."""
+Schmeitz & Pacejka 2010 describe, which stiffens as it loses pressure; rounded numbers, not of a
+measured tyre's file. "none": no effect."""
 
 _FASTEST = 45.0
 
