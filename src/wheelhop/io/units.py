@@ -19,6 +19,7 @@ UNITS: dict[str, dict[str, float]] = {
     "speed": {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704, "kn": 1852.0 / 3600.0},
     "pressure": {"Pa": 1.0, "kPa": 1e3, "bar": 1e5, "psi": 6894.757293168},
     "length": {"m": 1.0, "km": 1e3, "mm": 1e-3, "cm": 1e-2, "ft": 0.3048, "in": 0.0254},
+    "force": {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605},
     "angle": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0},
     "angular speed": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.pi / 180.0},
 }

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from wheelhop.errors import InputError, InputWarning, require_in_range
+from wheelhop.errors import InputError, InputWarning
+from wheelhop.vehicle.time_grid import time_grid
 
 
 class LateralSample(NamedTuple):
@@ -70,23 +71,7 @@ def checked_lateral(t: np.ndarray, sample: LateralSample) -> LateralRecord:
     Raises:
         InputError: naming the column, the value and the remedy, if the record cannot be used.
     """
-    t = np.asarray(t, float)
-    if not np.all(np.isfinite(t)):
-        row = int(np.flatnonzero(~np.isfinite(t))[0])
-        raise InputError("t", f"no time at data row {row + 1}", "Remove rows without a time.")
-    backwards = np.flatnonzero(np.diff(t) <= 0)
-    if backwards.size:
-        row = int(backwards[0])
-        raise InputError(
-            "t",
-            f"time goes from {t[row]:g} to {t[row + 1]:g} s at data row {row + 2}",
-            "Sort the rows by time and remove repeated ones.",
-        )
-    span = float(t[-1] - t[0]) if len(t) else 0.0
-    if len(t) < 2 or span < MINIMUM_DURATION:
-        raise InputError("t", f"the log covers {span:g} s", f"Give {MINIMUM_DURATION:g} s or more.")
-    dt = float(np.median(np.diff(t)))
-    require_in_range("sampling rate", 1.0 / dt, SLOWEST_RATE, FASTEST_RATE, "Hz")
+    grid = time_grid(t, MINIMUM_DURATION, SLOWEST_RATE, FASTEST_RATE)
     entries = [np.asarray(entry, float) for entry in sample]
     for name, entry, largest in zip(LateralSample._fields, entries, LARGEST, strict=True):
         _check_signal(name, entry, largest)
@@ -94,35 +79,7 @@ def checked_lateral(t: np.ndarray, sample: LateralSample) -> LateralRecord:
         raise InputError(
             "speed", f"it falls to {np.nanmin(entries[1]):g} m/s", "Give the speed forwards."
         )
-    # the median interval where rows are missing, the mean one where stamps are rounded or jitter
-    dt = min((dt, span / (len(t) - 1)), key=lambda interval: _unevenness(t, interval))
-    place = np.rint((t - t[0]) / dt).astype(int)
-    if len(np.unique(place)) < len(place):
-        row = int(np.flatnonzero(np.diff(place) == 0)[0])
-        raise InputError(
-            "t",
-            f"the times {t[row]:g} and {t[row + 1]:g} s are closer than half the interval of "
-            f"{dt:.4g} s",
-            "Resample the log on a uniform grid.",
-        )
-    count = int(place[-1]) + 1
-    if count > 2 * len(t):
-        raise InputError(
-            "t", f"{count - len(t)} of {count} samples are missing", "Cut the log at its gaps."
-        )
-    if count > len(t):
-        warnings.warn(
-            InputWarning(f"{count - len(t)} of {count} samples are missing in time and left out"),
-            stacklevel=2,
-        )
-    grid = LateralSample(*(_on_grid(place, count, entry) for entry in entries))
-    return LateralRecord(t[0] + dt * np.arange(count), grid)
-
-
-def _unevenness(t: np.ndarray, dt: float) -> float:
-    """Rms distance of the times from a grid of this interval, in intervals."""
-    place = (t - t[0]) / dt
-    return float(np.sqrt(np.mean((place - np.rint(place)) ** 2)))
+    return LateralRecord(grid.t, LateralSample(*(grid.spread(entry) for entry in entries)))
 
 
 def _check_signal(name: str, entry: np.ndarray, largest: float) -> None:
@@ -142,9 +99,3 @@ def _check_signal(name: str, entry: np.ndarray, largest: float) -> None:
         raise InputError(
             name, f"it reaches {top:g}, beyond {largest:g} in SI units", "Check the unit declared."
         )
-
-
-def _on_grid(place: np.ndarray, count: int, entry: np.ndarray) -> np.ndarray:
-    found = np.full(count, np.nan)
-    found[place] = np.where(np.isfinite(entry), entry, np.nan)
-    return found

@@ -1,4 +1,4 @@
-"""Linear view of a full vehicle at rest: vertical modes, and how tyre loads compress the struts."""
+"""Linear view of a full vehicle: vertical modes at rest, and how tyre loads compress the struts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from wheelhop.vehicle.full_vehicle import (
     strut_force,
 )
 from wheelhop.vehicle.road.surface import flat_surface
-from wheelhop.vehicle.vector import Vector
+from wheelhop.vehicle.vector import Vector, body_frame, cross, lift_frame, to_body
 
 _PLACES = ("z", "roll", "pitch", "compression")
 _RATES = ("v_z", "p", "q", "compression_rate")
@@ -148,6 +148,63 @@ def static_gain(rest: Rest, vehicle: FullVehicle, around: Surroundings) -> Any:
             gravity=gravity_in_plane(around),
         )
         motion = BodyMotion(still, still, none, none)
+        places = wheel_places(compression, vehicle.chassis)
+        return accelerations(places, motion, loads, vehicle.chassis).compression
+
+    by_place, by_load = jax.jacfwd(relative, argnums=(0, 1))(rest.compression, rest.load)
+    return -jnp.linalg.solve(by_place, by_load)
+
+
+def in_the_turn(around: Surroundings, lateral_acceleration: Any) -> Surroundings:
+    """The leaning gravity under which a vehicle in a steady turn is at rest in its own frame.
+
+    `static_equilibrium` under it is the place of `cornering_gain`: the tyres share the lateral
+    force as they share the load.
+
+    Args:
+        around: of level ground.
+        lateral_acceleration: a_y, positive to the left [m/s^2].
+    """
+    gravity = jnp.hypot(lateral_acceleration, around.gravity)
+    return replace(around, bank=jnp.arctan2(lateral_acceleration, around.gravity), gravity=gravity)
+
+
+def cornering_gain(
+    rest: Rest, vehicle: FullVehicle, around: Surroundings, speed: Any, lateral_acceleration: Any
+) -> Any:
+    """`static_gain` about steady cornering on level ground [m/N], [4, 4].
+
+    About that place a tyre's load acts along the axes of the rolled body, the lateral forces keep
+    their values and their points on the road, and the body turns with the yaw rate a_y / v.
+    Filipozzi et al. 2021 linearise there in section 2. Pure.
+
+    Args:
+        rest: compressions, roll, pitch and loads in the turn, from `static_equilibrium` under
+            `in_the_turn`.
+        vehicle: parameters.
+        around: of level ground, true gravity.
+        speed: v [m/s].
+        lateral_acceleration: a_y, positive to the left [m/s^2]; 0 for straight ahead.
+    """
+    none, zero = jnp.zeros_like(rest.compression), jnp.zeros_like(rest.z)
+    frame = body_frame(rest.roll, rest.pitch, zero)
+    axes = lift_frame(frame)
+    down = gravity_in_plane(around)
+    sideways = Vector(none, rest.load * (lateral_acceleration / around.gravity), none)
+    height = vehicle.tire.vertical.unloaded_radius - rest.deflection
+    moment = to_body(axes, cross(Vector(none, none, -height), sideways))
+    still, turning = Vector(zero, zero, zero), Vector(zero, zero, lateral_acceleration / speed)
+    motion = BodyMotion(still, to_body(frame, turning), none, none)
+
+    def relative(compression: Any, load: Any) -> Any:
+        loads = Loads(
+            wheel_force=to_body(axes, Vector(none, sideways.y, load)),
+            wheel_moment=moment,
+            spin_torque=none,
+            strut=strut_force(compression, none, vehicle),
+            body_force=still,
+            gravity=to_body(frame, down),
+        )
         places = wheel_places(compression, vehicle.chassis)
         return accelerations(places, motion, loads, vehicle.chassis).compression
 
