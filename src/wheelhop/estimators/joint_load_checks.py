@@ -1,0 +1,100 @@
+"""What the joint load filter refuses before it compiles anything."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+
+from wheelhop.errors import InputError, require_in_range
+from wheelhop.estimators.joint_load_params import JointLoadTuning
+from wheelhop.vehicle.load_record import (
+    FASTEST_RATE,
+    LARGEST_BODY,
+    LARGEST_COMPRESSION,
+    LARGEST_WHEEL,
+    SLOWEST_RATE,
+    VehicleLoadSample,
+)
+from wheelhop.vehicle.time_grid import require_rate
+
+_LIMITS = (
+    ("a_s", LARGEST_BODY, "m/s^2"),
+    ("compression", LARGEST_COMPRESSION, "m"),
+    ("a_u", LARGEST_WHEEL, "m/s^2"),
+)
+
+
+def checked_sample(sample: VehicleLoadSample, dt: float) -> VehicleLoadSample:
+    """The record as arrays, if loads can be found from it.
+
+    Without its compression no strut's force is known. Without any accelerometer a load shows only
+    in how the compressions bend, which tells it from the weight of an unknown payload too late.
+
+    Args:
+        sample: of the sensors, entries [time], NaN where one is missing.
+        dt: sampling interval [s].
+
+    Raises:
+        InputError: for a record that is too short, of unequal lengths or in other units, for a
+            corner without compression, and for a record without any accelerometer.
+    """
+    rate = 1.0 / dt if dt > 0 else 0.0
+    require_rate("sampling rate 1/dt", rate, SLOWEST_RATE, FASTEST_RATE)
+    found = VehicleLoadSample(*(np.asarray(entry, float) for entry in sample))
+    shapes = {entry.shape for entry in found}
+    if len(shapes) != 1 or len(found.a_s_FL.shape) != 1 or found.a_s_FL.size < 2:
+        raise InputError(
+            "sample",
+            f"its entries have the shapes {sorted(shapes)}",
+            "Give twelve columns of one length, two samples or more, NaN where one is missing.",
+        )
+    for name, entry in found._asdict().items():
+        _check_unit(name, entry[~np.isnan(entry)])
+    for name, entry in found._asdict().items():
+        if name.startswith("compression") and np.isnan(entry).all():
+            raise InputError(
+                name,
+                "it has no sample",
+                "Give the deflection at every corner: the strut's force follows from it.",
+            )
+    if all(np.isnan(e).all() for n, e in found._asdict().items() if n.startswith("a_")):
+        raise InputError(
+            "a_s_FL",
+            "no accelerometer has a sample, neither on the body nor on a wheel",
+            "Give the vertical accelerations of the body above the wheels.",
+        )
+    return found
+
+
+def check_tuning(tuning: JointLoadTuning) -> None:
+    """Refuse a tuning out of range.
+
+    Args:
+        tuning: noise and priors.
+
+    Raises:
+        InputError: naming the field.
+    """
+    for field in fields(tuning):
+        if field.name not in ("load_walks", "patch_tilt", "tilt_per_walk"):
+            require_in_range(
+                f"tuning.{field.name}", getattr(tuning, field.name), 1e-7, 1e7, "(SI unit)"
+            )
+    require_in_range("tuning.patch_tilt", tuning.patch_tilt, 0.0, 0.5, "rad")
+    require_in_range("tuning.tilt_per_walk", tuning.tilt_per_walk, 0.0, 1e-3, "rad s^0.5/N")
+    if not tuning.load_walks:
+        raise InputError("tuning.load_walks", "it is empty", "Give one intensity or more.")
+    for walk in tuning.load_walks:
+        require_in_range("tuning.load_walks", walk, 1.0, 1e6, "N/s^0.5")
+
+
+def _check_unit(name: str, known: np.ndarray) -> None:
+    quantity = name[: name.rindex("_")]
+    limit, unit = next((most, u) for one, most, u in _LIMITS if one == quantity)
+    if known.size and not np.max(np.abs(known)) <= limit:
+        raise InputError(
+            name,
+            f"it reaches {np.max(np.abs(known)):.4g}, beyond {limit:g} {unit}",
+            f"Give {unit}; accelerations less gravity, compressions from the design place.",
+        )
