@@ -19,6 +19,9 @@ if jax.__version_info__ < (0, 11):
     os.environ.setdefault("XLA_FLAGS", QUICK)
 
 jax.config.update("jax_enable_x64", True)
+# two batched decompositions in flight at once can wait for ever for each other's threads, seen
+# with two processors (jaxlib 0.10.2)
+jax.config.update("jax_cpu_enable_async_dispatch", False)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 # one cache per worker: a file that another worker is still writing must not be read

@@ -54,6 +54,7 @@ def road_file(path, length=60.0, spacing=0.1):
 
 COMMANDS = (
     "bound",
+    "cornering",
     "demo",
     "estimate",
     "identify",
@@ -62,6 +63,7 @@ COMMANDS = (
     "montecarlo",
     "vehicle",
     "reproduce",
+    "wheel-load",
 )
 
 

@@ -109,7 +109,7 @@ def test_table_3_end_to_end(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("reproduce", "filipozzi", "--table", 3), "PAPER: 'filipozzi' is unknown. There is"),
+        (("reproduce", "kalman", "--table", 3), "PAPER: 'kalman' is unknown. There is"),
         (("reproduce", "brancati", "--table", 9), "--table: 9 of brancati is not reproduced"),
         (("reproduce", "brancati", "--runs", 1), "--runs: 1 runs is outside 2"),
         (("reproduce", "brancati", "--duration", 1), "--duration: 1 s is outside 4"),

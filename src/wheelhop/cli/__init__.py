@@ -17,6 +17,7 @@ from wheelhop.cli.road import road
 from wheelhop.cli.simulate import simulate
 from wheelhop.cli.tire import tire
 from wheelhop.cli.vehicle import vehicle
+from wheelhop.cli.wheel_load import wheel_load
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -37,6 +38,7 @@ for _command in (
     reproduce,
     bound,
     cornering,
+    wheel_load,
 ):
     app.command()(_command)
 

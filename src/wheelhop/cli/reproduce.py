@@ -11,6 +11,7 @@ import typer
 
 from wheelhop.cli.estimate import road_classes
 from wheelhop.cli.reproduce_brancati import brancati_validation
+from wheelhop.cli.reproduce_filipozzi import filipozzi
 from wheelhop.cli.reproduce_options import ReproduceOptions, Reproduction
 from wheelhop.cli.reproduce_solmaz import solmaz
 from wheelhop.cli.reproduce_stiffness import stiffness
@@ -38,7 +39,7 @@ from wheelhop.studies.brancati.records import drive_classes, stored_drives
 
 @command
 def reproduce(
-    paper: Annotated[str, typer.Argument(help="What: brancati, solmaz or stiffness.")],
+    paper: Annotated[str, typer.Argument(help="What: brancati, filipozzi, solmaz or stiffness.")],
     table: Annotated[
         int | None, typer.Option(help="Number of a table; without it the whole validation.")
     ] = None,
@@ -64,6 +65,9 @@ def reproduce(
     --table 3 the identification alone. Drives of the identification, tunings and Monte Carlo runs
     are kept in OUT, and the same command resumes an interrupted run.
 
+    filipozzi: wheel load from accelerometers and deflections: figures 4 to 10 of Filipozzi et al.
+    2021 on the full vehicle, every method beside the others.
+
     solmaz: which tyre went soft, in a corner: figures 5 to 7 of Solmaz's switched two-track models
     as printed, and what noise and bias of the sensors do to them.
 
@@ -74,7 +78,8 @@ def reproduce(
 
     Others: wheelhop reproduce brancati --runs 10000 --out brancati;
     wheelhop reproduce brancati --table 3 --out table3;
-    wheelhop reproduce solmaz --out solmaz; wheelhop reproduce stiffness --out stiffness
+    wheelhop reproduce filipozzi --out filipozzi; wheelhop reproduce solmaz --out solmaz;
+    wheelhop reproduce stiffness --out stiffness
     """
     chosen = _chosen(paper, table)
     name = f"wheelhop-{paper}" if table is None else f"wheelhop-{paper}-table-{table}"
@@ -123,6 +128,7 @@ def brancati_table_3(options: ReproduceOptions, out: Path) -> None:
 
 REPRODUCTIONS: dict[str, dict[int | None, Reproduction]] = {
     "brancati": {None: brancati_validation, 3: brancati_table_3},
+    "filipozzi": {None: filipozzi},
     "solmaz": {None: solmaz},
     "stiffness": {None: stiffness},
 }
