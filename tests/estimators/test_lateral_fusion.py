@@ -33,12 +33,7 @@ evidence_of = jax.jit(vertical_evidence)
 fused_of = jax.jit(fuse)
 evidence_of_all = jax.jit(jax.vmap(vertical_evidence, in_axes=(0, None)))
 evidence_less_prior = jax.jit(jax.vmap(vertical_evidence, in_axes=(0, None, None)))
-
-
-@jax.jit
-def fused_of_all(lateral, evidence, params):
-    """One after the other: batched decompositions in one program can wait for each other."""
-    return jax.lax.map(lambda both: fuse(*both, params), (lateral, evidence))
+fused_of_all = jax.jit(jax.vmap(fuse, in_axes=(0, 0, None)))
 
 
 def stiffness_at(pressure):

@@ -21,13 +21,14 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.scipy.linalg import solve_triangular
 from jax.scipy.special import logsumexp, ndtr
 
 from wheelhop.errors import InputError, require_in_range
 from wheelhop.estimators.failure_modes import level_table
 from wheelhop.estimators.pressure import StiffnessBelief
 from wheelhop.estimators.vertical_evidence import VerticalEvidence
+from wheelhop.filtering.smallmat import log_det
+from wheelhop.filtering.symmetric import factor_of, inverse, solved, whitened
 from wheelhop.vehicle.tire import (
     Tire,
     pressure_from_stiffness,
@@ -181,13 +182,12 @@ def fuse(log_probabilities: Any, evidence: VerticalEvidence, params: FusionParam
 
     def correct(level: Any, spread: Any) -> tuple[Any, Any, Any]:
         scaled = matrix * spread[None, :]
-        factor = jnp.linalg.cholesky(_eye(matrix) + scaled.T @ scaled)
-        half = solve_triangular(factor, scaled.T @ (value - matrix @ level), lower=True)
-        y = solve_triangular(factor, half, trans=1, lower=True)
+        factor = factor_of(_eye(matrix) + scaled.T @ scaled)
+        y = solved(factor, scaled.T @ (value - matrix @ level))
         mean = level + spread * y
         off = value - matrix @ mean
-        log_z = -0.5 * (off @ off + y @ y) - jnp.sum(jnp.log(jnp.diagonal(factor)))
-        root = solve_triangular(factor, spread[:, None] * _eye(matrix), lower=True)
+        log_z = -0.5 * (off @ off + y @ y) - 0.5 * log_det(factor)
+        root = whitened(factor, spread[:, None] * _eye(matrix))
         return log_z, mean, root.T @ root
 
     log_z, mean, cov = jax.vmap(correct)(a, d)
@@ -237,13 +237,13 @@ def _contradiction(
     each = (p.spread**2)[:, :, None] * _eye(matrix)[None]
     centre, cov = _moments(weight, p.level, each)
     off = value - matrix @ centre
-    factor = jnp.linalg.cholesky(_eye(matrix) + matrix @ cov @ matrix.T)
-    distance = jnp.sum(solve_triangular(factor, off, lower=True) ** 2)
+    factor = factor_of(_eye(matrix) + matrix @ cov @ matrix.T)
+    distance = jnp.sum(whitened(factor, off) ** 2)
     degrees = jnp.sum(jnp.any(matrix != 0.0, axis=1))
     information = matrix.T @ matrix
     # a tyre that was not measured is within ten times the scale of the others: no gap
     ridge = _RIDGE * (1.0 + jnp.trace(information))
-    alone = jnp.linalg.inv(information + ridge * _eye(matrix))
+    alone = inverse(information + ridge * _eye(matrix))
     gap = alone @ (matrix.T @ off) / jnp.sqrt(jnp.diagonal(alone) + jnp.diagonal(cov))
     return distance, degrees, gap
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
-from jax.scipy.linalg import solve_triangular
 
 from wheelhop.estimators.pressure import StiffnessBelief
+from wheelhop.filtering.symmetric import eigh, factor_of, inverse, whitened
 
 _WHEELS = 4
 _DROPPED = 10.0
@@ -73,7 +73,7 @@ def vertical_evidence(
     if prior is not None:
         known, told = _information(prior, valid, reference)
         information, vector = information - known, vector - told
-    strength, axes = jnp.linalg.eigh(information)
+    strength, axes = eigh(information)
     # what the subtraction leaves by rounding is nothing, and may be negative
     kept = strength > _DROPPED * jnp.finfo(cov.dtype).eps * largest
     root = jnp.sqrt(jnp.where(kept, strength, 1.0))
@@ -81,9 +81,8 @@ def vertical_evidence(
     value = jnp.where(kept, axes.T @ vector / root, 0.0)
     if bias is not None:
         wide = matrix @ jnp.asarray(bias, cov.dtype) @ matrix.T + _eye(cov)
-        factor = jnp.linalg.cholesky(wide)
-        matrix = solve_triangular(factor, matrix, lower=True)
-        value = solve_triangular(factor, value, lower=True)
+        factor = factor_of(wide)
+        matrix, value = whitened(factor, matrix), whitened(factor, value)
     return VerticalEvidence(matrix, value)
 
 
@@ -99,8 +98,8 @@ def _information(belief: StiffnessBelief, valid: Any, reference: Any) -> tuple[A
     filled = jnp.where(both, belief.cov, 0.0) + jnp.where(valid, 0.0, 1.0)[:, None] * _eye(
         belief.cov
     )
-    inverse = jnp.where(both, jnp.linalg.inv(filled), 0.0)
-    return inverse, inverse @ jnp.where(valid, belief.mean - reference, 0.0)
+    information = jnp.where(both, inverse(filled), 0.0)
+    return information, information @ jnp.where(valid, belief.mean - reference, 0.0)
 
 
 def _eye(like: Any) -> Any:

@@ -81,8 +81,9 @@ def chain(denominator: Any, scale: Any, dt: float, method: Method = "bilinear") 
     b = jnp.zeros(n, d.dtype).at[-1].set(1.0 / d[-1]) * span
     if method == "bilinear":
         left, right = (jnp.eye(n, dtype=d.dtype) + s * 0.5 * a for s in (-1.0, 1.0))
-        transition, input_matrix = (jnp.linalg.solve(left, m) for m in (right, 0.5 * b))
-        return Chain(d, jnp.asarray(scale, d.dtype), transition, input_matrix, input_matrix, dt)
+        # one system: two of a batch at once could wait for each other's threads
+        moved = jnp.linalg.solve(left, jnp.concatenate([right, 0.5 * b[:, None]], axis=1))
+        return Chain(d, jnp.asarray(scale, d.dtype), moved[:, :n], moved[:, n], moved[:, n], dt)
     # the signal and its slope are two more states while it is linear
     whole = jnp.zeros((n + 2, n + 2), d.dtype).at[:n, :n].set(a).at[:n, n].set(b)
     moved = jax.scipy.linalg.expm(whole.at[n, n + 1].set(1.0))

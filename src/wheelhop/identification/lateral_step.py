@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 
 from wheelhop.estimators.lateral import LateralSample
+from wheelhop.filtering.symmetric import factor_of, solved
 from wheelhop.identification.lateral_loss import Task, penalty, weighted_errors
 
 LIMIT = 4.0
@@ -114,7 +115,7 @@ def eliminated(sums: Sums, damping: Any = 0.0) -> Eliminated:
     one = jnp.eye(5, dtype=c.dtype)[None]
     whole = c + one
     whole = whole + damping * whole * one
-    passed = jnp.swapaxes(jnp.linalg.solve(whole, jnp.swapaxes(b, 1, 2)), 1, 2)
+    passed = jnp.swapaxes(_solved(whole, jnp.swapaxes(b, 1, 2)), 1, 2)
     return Eliminated(a - jnp.einsum("rij,rkj->rik", passed, b), passed, whole)
 
 
@@ -180,8 +181,13 @@ def _step(best: Sums, g: Any, g_own: Any, damping: Any, pull: Any) -> tuple[Any,
     scale = jnp.diagonal(best.normal[:, :n, :n].sum(0)) + pull
     matrix = parts.normal.sum(0) + jnp.diag(pull + damping * scale)
     step = -jnp.linalg.solve(matrix, g - jnp.einsum("rij,rj->i", parts.passed, g_own))
-    inner = jnp.linalg.solve(parts.whole, g_own[..., None])[..., 0]
+    inner = _solved(parts.whole, g_own)
     return step, -inner - jnp.einsum("i,rij->rj", step, parts.passed)
+
+
+def _solved(whole: Any, columns: Any) -> Any:
+    """The systems of the records' own numbers [records, 5, 5], without LAPACK."""
+    return jax.vmap(lambda m, c: solved(factor_of(m), c))(whole, columns)
 
 
 @lru_cache(maxsize=4)
