@@ -1,6 +1,7 @@
 """`wheelhop wheel-load`: a log in, four loads out; what does not go together is refused."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -10,7 +11,7 @@ from typer.testing import CliRunner
 
 from wheelhop.cli import app
 from wheelhop.cli.wheel_load_summary import summary_of, verdict_of
-from wheelhop.estimators.joint_load import WheelLoads
+from wheelhop.estimators.joint_load_mixture import WheelLoads
 from wheelhop.estimators.load_methods import LoadsFound
 from wheelhop.io.results import write_table
 from wheelhop.vehicle.full_vehicle_parameters import CORNERS, suv
@@ -106,6 +107,7 @@ def test_lever_arms_say_no_sigma(log, tmp_path):
         (("--method", "magic"), "--method: 'magic' is unknown. Use one of"),
         (("--method", "youla", "--bandwidth", 60), "--bandwidth: 60 Hz is outside 0.1 to 50 Hz"),
         (("--method", "unbiased", "--bandwidth", 0.05), "--bandwidth: 0.05 Hz"),
+        (("--method", "youla", "--find-springs"), "--find-springs: youla takes the springs"),
         (("--noise", 0), "--noise: 0 m/s^2"),
         (("--compression-noise", 5000), "--compression-noise: 5000 mm"),
         (("--payload", 9000), "--payload: 9000 kg"),
@@ -164,6 +166,15 @@ def test_the_verdict_names_lift_only_where_it_is_sure():
     assert "no wheel lifts" in verdict_of(results(STATIC[0]))
     # what a record begins with does not count
     assert "no wheel lifts" in verdict_of(results(np.where(T < 0.2, -1e4, STATIC[0])))
+
+
+def test_scales_that_were_found_are_in_the_summary():
+    scale = np.array([1.5, 0.7])
+    joint = replace(believed(1800.0), scale=scale, scale_sigma=0.02 * scale)
+    found = results(STATIC[0], joint=joint)
+    assert (found["springs_scale"], found["dampers_scale"]) == pytest.approx((1.5, 0.7))
+    assert found["springs_scale_sigma"] == pytest.approx(0.03)
+    assert "springs_scale" not in results(STATIC[0], joint=believed(1800.0))
 
 
 def test_a_sum_beside_the_weight_is_said_and_explained():

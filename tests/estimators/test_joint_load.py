@@ -7,17 +7,25 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from load_drive import (
+    CAR,
+    CHASSIS,
+    HEAVY,
+    SAMPLES,
+    drive,
+    least_squares_moments,
+    lost,
+    nees,
+    recorder,
+    rms,
+    sample_of,
+)
 from scipy.stats import chi2
 
 from wheelhop.errors import InputError
 from wheelhop.estimators import joint_load
-from wheelhop.estimators.joint_load import (
-    CHUNK,
-    WheelLoads,
-    bank_weights,
-    tilted_variance,
-    wheel_loads,
-)
+from wheelhop.estimators.joint_load import CHUNK, wheel_loads
+from wheelhop.estimators.joint_load_mixture import bank_weights, tilted_variance
 from wheelhop.estimators.joint_load_model import (
     JointLoadBelief,
     joint_load_model,
@@ -25,52 +33,15 @@ from wheelhop.estimators.joint_load_model import (
     shown_accelerations,
 )
 from wheelhop.estimators.joint_load_params import JointLoadTuning, joint_load_params
-from wheelhop.filtering import dense
 from wheelhop.staging import staged_jit
 from wheelhop.vehicle.equilibrium import static_equilibrium
 from wheelhop.vehicle.full_vehicle import Surroundings
-from wheelhop.vehicle.full_vehicle_parameters import suv
 from wheelhop.vehicle.linearise import static_gain
 from wheelhop.vehicle.load_record import LARGEST_BODY, LARGEST_WHEEL, VehicleLoadSample
-from wheelhop.vehicle.maneuver import brake_step
-from wheelhop.vehicle.pressure_course import held
-from wheelhop.vehicle.road.build import build_surface, lines_of, random_tracks
-from wheelhop.vehicle.road.iso8608 import level_of
-from wheelhop.vehicle.vehicle_record import drive_vehicle
 
-SAMPLES = 3 * CHUNK
-CAR = suv()
-CHASSIS = CAR.chassis
-HEAVY = replace(CAR, chassis=replace(CHASSIS, body_mass=CHASSIS.body_mass + 200.0))
 WEIGHT = 9.80665 * float(CHASSIS.body_mass + CHASSIS.wheel_mass.sum())
 FEW = JointLoadTuning(load_walks=(1e3, 5e3))
 LIKE_MODEL = JointLoadTuning(load_walks=(1e3,), patch_tilt=0.0, tilt_per_walk=0.0)
-
-
-@cache
-def drive(heavy=False):
-    """Braking from 90 km/h after 0.5 s on a road of class B; digressive dampers and bars."""
-    tracks = random_tracks(jax.random.key(1), level_of("B"), 60.0, lines_of(CAR))
-    car = HEAVY if heavy else CAR
-    return drive_vehicle(
-        jax.random.key(2),
-        car,
-        brake_step(begin=0.5),
-        build_surface(tracks),
-        held(car.nominal_pressure),
-        1e-3 * SAMPLES,
-    )
-
-
-def sample_of(columns, wheel=True):
-    found = VehicleLoadSample(*(np.array(columns[name]) for name in VehicleLoadSample._fields))
-    return found if wheel else found._replace(**lost("a_u"))
-
-
-def lost(*kinds):
-    """Columns without a sample, of every corner."""
-    names = (n for n in VehicleLoadSample._fields if n.startswith(kinds))
-    return {name: np.full(SAMPLES, np.nan) for name in names}
 
 
 def at_rest(noise=0.0, seed=0, samples=SAMPLES):
@@ -81,7 +52,7 @@ def at_rest(noise=0.0, seed=0, samples=SAMPLES):
 
 def test_the_model_sees_what_the_simulated_vehicle_shows():
     truth, params = drive().truth, joint_load_params(CAR, 1e-3, FEW)
-    moments = least_squares_moments(truth)
+    moments = least_squares_moments(truth.body_acceleration, truth.strut)
     s, w, loads = (
         jnp.asarray(a.T) for a in (truth.compression, truth.compression_rate, truth.load)
     )
@@ -125,55 +96,14 @@ def test_loads_compress_the_struts_as_in_the_simulated_vehicle():
     np.testing.assert_allclose(found, expected, atol=2e-3 * float(np.abs(expected).max()))
 
 
-def rms(error):
-    return np.sqrt(np.mean(error**2))
-
-
-def least_squares_moments(truth):
-    """Moments that explain the body's four accelerations, from the simulator's strut forces."""
-    p = joint_load_params(CAR, 1e-3)
-    x, y = np.asarray(p.x), np.asarray(p.y)
-    plane = np.stack([np.ones(4), y, -x], 1)
-    _, roll, pitch = np.linalg.lstsq(plane, truth.body_acceleration.T, rcond=None)[0]
-    strut = truth.strut
-    return (
-        float(p.roll_inertia) * roll - strut @ y,
-        float(p.pitch_inertia) * pitch + strut @ x,
-    )
-
-
 @cache
 def sampler(dt):
-    """Records drawn from the filter's own model, with its own noise: random key -> y, x."""
-    model, tuning = joint_load_model(), LIKE_MODEL
-    params = joint_load_params(CAR, dt, tuning, *tuning.load_walks)
+    """Records drawn from the filter's own model, with its own noise: seed, samples -> y, x."""
+    params = joint_load_params(CAR, dt, LIKE_MODEL, *LIKE_MODEL.load_walks)
     # from rest: the loads of the model wander off without end, so the record is short
-    start = dense(joint_load_prior(params))[0]
-    rows = model.process_cov(JointLoadBelief(*start), params)
-    n = len(rows)
-    q = [jnp.stack([rows[max(i, j)][min(i, j)] for j in range(n)]) for i in range(n)]
-    push = jnp.linalg.cholesky(jnp.stack(q))
-    sensors = jnp.asarray(np.repeat([0.5, 5e-4, 0.5], 4))
-
-    def step(x, key):
-        one, two = jax.random.split(key)
-        moved = jnp.stack(model.transition(JointLoadBelief(*x), params))
-        x = moved + push @ jax.random.normal(one, (n,))
-        y = jnp.stack(model.observation(JointLoadBelief(*x), params))
-        return x, (y + sensors * jax.random.normal(two, (12,)), x)
-
-    draw = jax.jit(lambda keys: jax.lax.scan(step, jnp.asarray(start), keys)[1])
-
-    def record(seed, samples):
-        y, x = draw(jax.random.split(jax.random.key(seed), samples))
-        return VehicleLoadSample(*np.asarray(y).T), np.asarray(x)
-
-    return record
-
-
-def nees(found: WheelLoads, load):
-    error = found.load - load
-    return np.einsum("ti,tij,tj->t", error, np.linalg.inv(found.covariance), error)
+    start = joint_load_prior(params).mean
+    record = recorder(joint_load_model(), params, start)
+    return lambda seed, samples: record(seed, np.zeros((samples, len(start))))
 
 
 def test_on_its_own_model_the_covariance_is_honest():

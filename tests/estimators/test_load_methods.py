@@ -1,13 +1,14 @@
 """The loads of a record by each method, beside loads that NumPy makes from the same motion."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from wheelhop.errors import InputError
 from wheelhop.estimators import load_methods
-from wheelhop.estimators.joint_load import WheelLoads
+from wheelhop.estimators.joint_load_mixture import WheelLoads
 from wheelhop.estimators.load_methods import (
     ALGEBRAIC,
     JOINT,
@@ -131,8 +132,8 @@ def test_the_joint_filter_gets_the_record_and_the_sensors_noise(monkeypatch):
         *[line] * 7,
     )  # fmt: skip
 
-    def stands_in(sample, dt, vehicle, tuning, on_progress):
-        given.update(sample=sample, dt=dt, vehicle=vehicle, tuning=tuning)
+    def stands_in(sample, dt, vehicle, tuning, on_progress, horizontal):
+        given.update(sample=sample, dt=dt, vehicle=vehicle, tuning=tuning, horizontal=horizontal)
         assert on_progress is None
         return answer
 
@@ -152,3 +153,23 @@ def test_the_joint_filter_gets_the_record_and_the_sensors_noise(monkeypatch):
     np.testing.assert_array_equal(found.total_sigma, answer.total_sigma)
     np.testing.assert_allclose(found.static, G * np.sum(weights(vehicle), 0), rtol=1e-9)
     assert found.joint is answer
+
+    assert given["horizontal"] is None
+    a_x, a_y = np.sin(T), np.cos(T)
+    told = replace(mine, a_x=a_x, a_y=a_y)
+    assert loads_by(JOINT, told, vehicle, find_springs=True).joint is answer
+    assert given["horizontal"][0] is a_x
+    assert given["horizontal"][1] is a_y
+    loads_by(JOINT, told, vehicle)
+    assert given["horizontal"] is None
+
+
+def test_springs_are_found_by_the_joint_filter_from_a_x_and_a_y_alone():
+    vehicle = suv()
+    mine = record(vehicle, True)
+    with pytest.raises(InputError, match=r"a_x: the log lacks it.*with the springs given"):
+        loads_by(JOINT, mine, vehicle, find_springs=True)
+    with pytest.raises(InputError, match="a_y: the log lacks it"):
+        loads_by(JOINT, replace(mine, a_x=T), vehicle, find_springs=True)
+    with pytest.raises(InputError, match="find_springs: youla takes the springs as given"):
+        loads_by(YOULA, mine, vehicle, find_springs=True)

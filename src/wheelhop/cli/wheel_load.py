@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import jax
-import numpy as np
 import typer
 
 from wheelhop.cli.session import (
@@ -17,12 +16,12 @@ from wheelhop.cli.session import (
     computing,
     console,
     escape,
-    headed_table,
     messages,
     progress_bar,
     provenance,
     say_files,
 )
+from wheelhop.cli.wheel_load_output import columns_of, describe, print_loads
 from wheelhop.cli.wheel_load_summary import summary_of, verdict_of
 from wheelhop.errors import InputError, require_in_range
 from wheelhop.estimators.inverse_load import LoadSensors
@@ -48,7 +47,7 @@ from wheelhop.io.results import (
 )
 from wheelhop.plots.wheel_load import plot_wheel_load
 from wheelhop.vehicle.corner_suspension import corner_suspensions
-from wheelhop.vehicle.full_vehicle_parameters import CORNERS, VEHICLES, suv, with_payload
+from wheelhop.vehicle.full_vehicle_parameters import VEHICLES, suv, with_payload
 from wheelhop.vehicle.full_vehicle_state import FullVehicle
 from wheelhop.vehicle.load_record import LoadRecord
 
@@ -66,7 +65,7 @@ def wheel_load(
         typer.Argument(
             help="CSV or Parquet: t, a_s_FL to a_s_RR, compression_FL to compression_RR, positive "
             "as the wheel moves up towards the body; a_u_FL to a_u_RR where there are any; a_x and "
-            "a_y for --method algebraic."
+            "a_y for --method algebraic and --find-springs."
         ),
     ],
     vehicle: Annotated[str, typer.Option(help=f"{', '.join(VEHICLES)}.")] = "suv",
@@ -82,6 +81,14 @@ def wheel_load(
     no_wheel_accelerometers: Annotated[
         bool,
         typer.Option("--no-wheel-accelerometers", help="Leave out a_u, which joint would use."),
+    ] = False,
+    find_springs: Annotated[
+        bool,
+        typer.Option(
+            "--find-springs",
+            help="Method joint: do not trust the vehicle's springs and dampers; a_x and a_y tell "
+            "how stiff they are while braking and cornering.",
+        ),
     ] = False,
     payload: Annotated[
         float, typer.Option(help="Load that the car is known to carry [kg].", min=0.0)
@@ -106,10 +113,16 @@ def wheel_load(
 
     Another: wheelhop simulate --vehicle suv --maneuver brake-step --out drive, then
     wheelhop wheel-load drive/log.parquet --method youla --bandwidth 10
+
+    Springs that sag: wheelhop wheel-load drive/log.parquet --find-springs
     """
     require_writable(out)
     if method not in NAMES:
         raise InputError("--method", f"{method!r} is unknown", f"Use one of {', '.join(NAMES)}.")
+    if find_springs and method != JOINT:
+        raise InputError(
+            "--find-springs", f"{method} takes the springs as given", f"Use --method {JOINT}."
+        )
     require_in_range("--noise", noise, 1e-4, 100.0, "m/s^2")
     require_in_range("--compression-noise", compression_noise, 1e-4, 100.0, "mm")
     require_in_range("--payload", payload, 0.0, 3000.0, "kg")
@@ -120,7 +133,7 @@ def wheel_load(
         if no_wheel_accelerometers:
             record = record.without_wheel_accelerometers()
         console.print(escape(describe(log.name, record, method)), soft_wrap=True)
-        found = loads_told(method, record, car, bandwidth, sensors)
+        found = loads_told(method, record, car, bandwidth, sensors, find_springs)
         if method == YOULA:
             corner = jax.tree.map(lambda leaf: leaf[0], corner_suspensions(car))
             passed = passed_bandwidth(youla_params(corner, record.dt, bandwidth))
@@ -145,6 +158,7 @@ def wheel_load(
         accelerometer_noise_m_per_s2=noise,
         compression_noise_mm=compression_noise,
         no_wheel_accelerometers=no_wheel_accelerometers,
+        find_springs=find_springs,
         payload_kg=payload,
         anti_roll=anti_roll,
         seed=seed,
@@ -154,7 +168,12 @@ def wheel_load(
 
 
 def loads_told(
-    method: str, record: LoadRecord, car: FullVehicle, bandwidth: float, sensors: LoadSensors
+    method: str,
+    record: LoadRecord,
+    car: FullVehicle,
+    bandwidth: float,
+    sensors: LoadSensors,
+    find_springs: bool = False,
 ) -> LoadsFound:
     """The loads, with a progress bar where the method takes long.
 
@@ -164,13 +183,15 @@ def loads_told(
         car: parameters.
         bandwidth: of the methods of single corners and axles [Hz].
         sensors: their noise.
+        find_springs: by the joint filter, which needs a_x and a_y.
 
     Raises:
-        InputError: for a bandwidth that the sampling rate does not carry.
+        InputError: for a bandwidth that the sampling rate does not carry, or a log without a_x and
+            a_y where they are needed.
     """
     if method == JOINT:
         with progress_bar("filtering (compiles first)", "samples of filters") as advance:
-            return loads_by(method, record, car, bandwidth, sensors, advance)
+            return loads_by(method, record, car, bandwidth, sensors, advance, find_springs)
     if method != ALGEBRAIC:
         require_in_range("--bandwidth", bandwidth, LOWEST_BANDWIDTH, FASTEST / record.dt, "Hz")
     with messages.status("computing (compiles first)"):
@@ -198,52 +219,3 @@ def known_vehicle(name: str, anti_roll: bool | None, payload: float) -> FullVehi
         )
     car = VEHICLES[name]() if anti_roll is None else suv(anti_roll)
     return with_payload(car, payload) if payload else car
-
-
-def describe(name: str, record: LoadRecord, method: str) -> str:
-    """What the log holds, in a line."""
-    speed = "" if record.speed is None else f", {3.6 * np.nanmean(record.speed):.4g} km/h"
-    words = f"{name}: {record.t[-1] - record.t[0]:.4g} s at {1.0 / record.dt:.4g} Hz{speed}"
-    if method != JOINT:
-        return f"{words}; {method}"
-    with_wheels = any(np.isfinite(entry).any() for entry in record.sample[-len(CORNERS) :])
-    return f"{words}; {method}, {'with' if with_wheels else 'without'} wheel accelerometers"
-
-
-def print_loads(results: dict[str, Any]) -> None:
-    """A row for each wheel; errors where the log has the truth."""
-    known = results["rmse_of_sum_N"] is not None
-    headings = ["wheel", "rest [N]", "mean [N]", "lowest [N]", "at [s]", "top [N]", "sigma [N]"]
-    headings += ["rms error [N]", "in 2 sigma [%]"] if known else []
-    table = headed_table(*headings)
-    for corner, r in results["wheels"].items():
-        row = [f"{r[key]:,.0f}" for key in ("static_N", "mean_N", "lowest_N")]
-        row += [f"{r['lowest_at_s']:.2f}", f"{r['highest_N']:,.0f}", _whole(r["mean_sigma_N"])]
-        if known:
-            share = r["share_within_2_sigma"]
-            row += [f"{r['rmse_N']:,.0f}", "-" if share is None else f"{100 * share:.0f}"]
-        table.add_row(corner, *row)
-    console.print(table)
-    if "body_mass_kg" in results:
-        console.print(
-            f"sprung mass {results['body_mass_kg']:,.0f} +- {results['body_mass_sigma_kg']:.0f} "
-            f"kg; innovations: mean NIS {results['mean_nis']:.1f} (about "
-            f"{results['mean_samples_at_once']:.0f} where the model fits)",
-            soft_wrap=True,
-        )
-
-
-def _whole(value: float | None) -> str:
-    return "-" if value is None else f"{value:,.0f}"
-
-
-def columns_of(
-    found: LoadsFound, truth: np.ndarray | None
-) -> tuple[dict[str, Any], dict[str, str]]:
-    """Columns of the result by name, and their units."""
-    columns: dict[str, Any] = {"t": found.t}
-    for name, values in (("load", found.load), ("sigma", found.sigma), ("true_load", truth)):
-        if values is not None:
-            columns |= {f"{name}_{corner}": values[:, k] for k, corner in enumerate(CORNERS)}
-    columns |= {"total": found.total, "sigma_total": found.total_sigma}
-    return columns, {name: "s" if name == "t" else "N" for name in columns}

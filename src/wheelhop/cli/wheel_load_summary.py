@@ -67,7 +67,12 @@ def _believed(found: LoadsFound, counts: np.ndarray, given: float | None) -> dic
     """What the joint filter finds beside the loads."""
     if found.joint is None:
         return {}
-    return {
+    scales: dict[str, Any] = {}
+    if found.joint.scale is not None and found.joint.scale_sigma is not None:
+        for k, name in enumerate(("springs", "dampers")):
+            scales[f"{name}_scale"] = float(found.joint.scale[k])
+            scales[f"{name}_scale_sigma"] = float(found.joint.scale_sigma[k])
+    return scales | {
         "body_mass_kg": float(found.joint.body_mass[-1]),
         "body_mass_sigma_kg": float(found.joint.body_mass_sigma[-1]),
         "given_body_mass_kg": given,

@@ -18,6 +18,9 @@ from wheelhop.vehicle.load_record import (
 )
 from wheelhop.vehicle.time_grid import require_rate
 
+LARGEST_HORIZONTAL = 30.0
+"""Beyond this a_x or a_y has a wrong unit [m/s^2]."""
+
 _LIMITS = (
     ("a_s", LARGEST_BODY, "m/s^2"),
     ("compression", LARGEST_COMPRESSION, "m"),
@@ -67,6 +70,39 @@ def checked_sample(sample: VehicleLoadSample, dt: float) -> VehicleLoadSample:
     return found
 
 
+def checked_horizontal(name: str, signal: np.ndarray, samples: int) -> np.ndarray:
+    """a_x or a_y [time] without gaps: what is lost is drawn straight between its neighbours.
+
+    Args:
+        name: of the signal.
+        signal: [m/s^2], [time], NaN where a sample is missing.
+        samples: of the record.
+
+    Raises:
+        InputError: for another length, another unit, or more than half of it missing.
+    """
+    found = np.asarray(signal, float)
+    if found.shape != (samples,):
+        raise InputError(
+            name, f"its shape is {found.shape}", f"Give {samples} samples, those of the record."
+        )
+    known = np.isfinite(found)
+    if known.mean() < 0.5:
+        raise InputError(
+            name,
+            f"{1.0 - known.mean():.0%} of its samples are missing",
+            "Give an accelerometer that works, or find the loads without it.",
+        )
+    if not np.abs(found[known]).max() <= LARGEST_HORIZONTAL:
+        raise InputError(
+            name,
+            f"it reaches {np.abs(found[known]).max():.4g}, beyond {LARGEST_HORIZONTAL:g} m/s^2",
+            "Give m/s^2, of an accelerometer at the body's centre of mass.",
+        )
+    place = np.arange(samples)
+    return np.interp(place, place[known], found[known])
+
+
 def check_tuning(tuning: JointLoadTuning) -> None:
     """Refuse a tuning out of range.
 
@@ -77,11 +113,19 @@ def check_tuning(tuning: JointLoadTuning) -> None:
         InputError: naming the field.
     """
     for field in fields(tuning):
-        if field.name not in ("load_walks", "patch_tilt", "tilt_per_walk"):
+        if field.name not in (
+            "load_walks",
+            "patch_tilt",
+            "tilt_per_walk",
+            "spring_doubt",
+            "damper_doubt",
+        ):
             require_in_range(
                 f"tuning.{field.name}", getattr(tuning, field.name), 1e-7, 1e7, "(SI unit)"
             )
     require_in_range("tuning.patch_tilt", tuning.patch_tilt, 0.0, 0.5, "rad")
+    require_in_range("tuning.spring_doubt", tuning.spring_doubt, 0.0, 1.0, "(relative)")
+    require_in_range("tuning.damper_doubt", tuning.damper_doubt, 0.0, 1.0, "(relative)")
     require_in_range("tuning.tilt_per_walk", tuning.tilt_per_walk, 0.0, 1e-3, "rad s^0.5/N")
     if not tuning.load_walks:
         raise InputError("tuning.load_walks", "it is empty", "Give one intensity or more.")

@@ -9,6 +9,7 @@ body; loads and moments are random walks.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -43,8 +44,9 @@ class JointLoadBelief(NamedTuple):
         s_FL, s_FR, s_RL, s_RR: compression of the struts from their design place [m].
         w_FL, w_FR, w_RL, w_RR: its rate [m/s].
         load_FL, load_FR, load_RL, load_RR: normal force of the tyres [N].
-        roll_moment, pitch_moment: on the body about its centre of mass, of all but the struts
-            [Nm]; forces to the left raise its left side, braking forces lower its nose.
+        roll_moment, pitch_moment: on the body about its centre of mass, of all but the struts and
+            what a_x and a_y of the parameters tell [Nm]; forces to the left raise its left side,
+            braking forces lower its nose.
         ln_mass: logarithm of the sprung mass over the one it is thought to have.
     """
 
@@ -65,7 +67,9 @@ class JointLoadBelief(NamedTuple):
     ln_mass: Any
 
 
-def shown_accelerations(s: Any, w: Any, b: JointLoadBelief, p: JointLoadParams) -> tuple[Any, Any]:
+def shown_accelerations(
+    s: Any, w: Any, b: Any, p: JointLoadParams, scale: tuple[Any, Any] = (1.0, 1.0)
+) -> tuple[Any, Any]:
     """What accelerometers on the body above each wheel and on the wheels show [m/s^2], [4, ...].
 
     The tyre's force along the leaning body's axis is F - F_y sin(roll) + F_x sin(pitch). The tilt
@@ -74,47 +78,70 @@ def shown_accelerations(s: Any, w: Any, b: JointLoadBelief, p: JointLoadParams) 
 
     Args:
         s, w: compressions [m] and their rates [m/s], [4, ...].
-        b: state; its own compressions are not read.
+        b: state, `JointLoadBelief` or one that has its entries; its own compressions are not read.
         p: parameters.
+        scale: what the springs' forces beyond the preload, and the dampers', are multiplied by
+            besides the scale of the parameters.
     """
 
     def at(leaf: Any) -> Any:
         return leaf.reshape(leaf.shape + (1,) * (s.ndim - leaf.ndim))
 
     x, y = at(p.x), at(p.y)
-    law = map_springs(at, p.strut)
-    force = spring_force(s, law) + damper_force(w, law) + anti_roll_force(s, p.bars)
-    heavier = jnp.exp(b.ln_mass)
-    up = jnp.sum(force, 0) / (p.body_mass * heavier) - STANDARD_GRAVITY
-    roll = (jnp.sum(y * force, 0) + b.roll_moment) / (p.roll_inertia * heavier)
-    pitch = (b.pitch_moment - jnp.sum(x * force, 0)) / (p.pitch_inertia * heavier)
-
+    force = _strut_force(s, w, at, p, scale)
     load = jnp.stack(b[LOADS])
     sunk = s + (load - at(p.static_load)) / at(p.tire_stiffness)
-    behind = x - jnp.mean(x, 0)[None]
-    leaning = -jnp.sum(y * sunk, 0) / jnp.sum(y * y, 0)
-    diving = jnp.sum(behind * sunk, 0) / jnp.sum(behind * behind, 0)
     # a bound, so that loads that sum to nothing have a share
     carried = jnp.maximum(jnp.sum(load, 0), 0.1 * jnp.sum(p.static_load, 0))
     share = load / carried[None]
-    lengthwise = jnp.where(b.pitch_moment[None] > 0.0, at(p.brake_share), at(p.drive_share))
-    tilted = (leaning * b.roll_moment)[None] * share + (diving * b.pitch_moment)[None] * lengthwise
+
+    heavier = jnp.exp(b.ln_mass)
+    total = p.body_mass * heavier + jnp.sum(p.wheel_mass, 0)
+    # a force at a contact that has come nearer to the body has less of a lever
+    roll_moment = b.roll_moment + total * p.a_y * (p.lever - jnp.sum(share * sunk, 0))
+    braking = b.pitch_moment - total * p.a_x * p.lever > 0.0
+    lengthwise = jnp.where(braking[None], at(p.brake_share), at(p.drive_share))
+    pitch_moment = b.pitch_moment - total * p.a_x * (p.lever - jnp.sum(lengthwise * sunk, 0))
+
+    up = jnp.sum(force, 0) / (p.body_mass * heavier) - STANDARD_GRAVITY
+    roll = (jnp.sum(y * force, 0) + roll_moment) / (p.roll_inertia * heavier)
+    pitch = (pitch_moment - jnp.sum(x * force, 0)) / (p.pitch_inertia * heavier)
+
+    behind = x - jnp.mean(x, 0)[None]
+    leaning = -jnp.sum(y * sunk, 0) / jnp.sum(y * y, 0)
+    diving = jnp.sum(behind * sunk, 0) / jnp.sum(behind * behind, 0)
+    tilted = (leaning * roll_moment)[None] * share + (diving * pitch_moment)[None] * lengthwise
     along = load - tilted / p.lever
     body = up[None] + roll[None] * y - pitch[None] * x
     return body, (along - force) / at(p.wheel_mass) - STANDARD_GRAVITY
 
 
-@lru_cache(maxsize=1)
-def joint_load_model() -> StateSpaceModel:
-    """State-space model over `JointLoadBelief`, `VehicleLoadSample` and `JointLoadParams`."""
+def _strut_force(s: Any, w: Any, at: Any, p: JointLoadParams, scale: Any) -> Any:
+    law, preload = map_springs(at, p.strut), at(p.strut.preload)
+    spring, damper = (own * known for own, known in zip(scale, p.scale, strict=True))
+    own = preload + spring * (spring_force(s, law) - preload)
+    return own + damper * damper_force(w, law) + anti_roll_force(s, p.bars)
+
+
+def _as_given(b: Any) -> tuple[float, float]:
+    del b
+    return 1.0, 1.0
+
+
+def motion_model(scale_of: Callable[[Any], Any] = _as_given) -> tuple[Any, Any]:
+    """Transition and observation over `JointLoadBelief` or a belief that has its entries.
+
+    Args:
+        scale_of: a state -> the `scale` of its springs and dampers.
+    """
 
     @stage
-    def slope(motion: tuple[Any, ...], b: JointLoadBelief, p: JointLoadParams) -> tuple[Any, ...]:
+    def slope(motion: tuple[Any, ...], b: Any, p: JointLoadParams) -> tuple[Any, ...]:
         s, w = jnp.stack(motion[:4]), jnp.stack(motion[4:])
-        body, wheel = shown_accelerations(s, w, b, p)
+        body, wheel = shown_accelerations(s, w, b, p, scale_of(b))
         return (*motion[4:], *(wheel - body))
 
-    def transition(b: JointLoadBelief, p: JointLoadParams) -> JointLoadBelief:
+    def transition(b: Any, p: JointLoadParams) -> Any:
         start = b[:8]
 
         # a loop over the four stages: the compiler sees the strut's law once
@@ -126,19 +153,33 @@ def joint_load_model() -> StateSpaceModel:
 
         weights = jnp.asarray(_RUNGE_KUTTA, start[0].dtype)
         still = tuple(jnp.zeros_like(a) for a in start)
-        return JointLoadBelief(*jax.lax.scan(next_stage, (still, start), weights)[0][1], *b[8:])
+        return type(b)(*jax.lax.scan(next_stage, (still, start), weights)[0][1], *b[8:])
 
     @stage
-    def observation(b: JointLoadBelief, p: JointLoadParams) -> VehicleLoadSample:
-        body, wheel = shown_accelerations(jnp.stack(b[:4]), jnp.stack(b[4:8]), b, p)
+    def observation(b: Any, p: JointLoadParams) -> VehicleLoadSample:
+        s, w = jnp.stack(b[:4]), jnp.stack(b[4:8])
+        body, wheel = shown_accelerations(s, w, b, p, scale_of(b))
         return VehicleLoadSample._make((*body, *b[:4], *wheel))
 
-    def observation_cov(p: JointLoadParams) -> Any:
-        t = p.tuning
-        sigmas = [t.body_acceleration] * 4 + [t.compression] * 4 + [t.wheel_acceleration] * 4
-        return diagonal([sigma * sigma for sigma in sigmas])
+    return transition, observation
 
-    return StateSpaceModel(transition, observation, _process_cov, observation_cov)
+
+@lru_cache(maxsize=1)
+def joint_load_model() -> StateSpaceModel:
+    """State-space model over `JointLoadBelief`, `VehicleLoadSample` and `JointLoadParams`."""
+    transition, observation = motion_model()
+
+    def process_cov(b: JointLoadBelief, p: JointLoadParams) -> Any:
+        return motion_noise(len(b), p, p.tuning.moment_walk)
+
+    return StateSpaceModel(transition, observation, process_cov, sensor_noise)
+
+
+def sensor_noise(p: JointLoadParams) -> Any:
+    """Covariance of a `VehicleLoadSample`."""
+    t = p.tuning
+    sigmas = [t.body_acceleration] * 4 + [t.compression] * 4 + [t.wheel_acceleration] * 4
+    return diagonal([sigma * sigma for sigma in sigmas])
 
 
 @lru_cache(maxsize=1)
@@ -156,10 +197,16 @@ def joint_load_prior(p: JointLoadParams) -> Gaussian:
     return independent(mean, JointLoadBelief._make((*spread, z + t.mass_prior)))
 
 
-def _process_cov(b: JointLoadBelief, p: JointLoadParams) -> Any:
-    """Loads that walk within the interval, as they move rate and place of a free wheel."""
+def motion_noise(size: int, p: JointLoadParams, moment_walk: Any) -> Any:
+    """Loads that walk within the interval, as they move rate and place of a free wheel.
+
+    Args:
+        size: of the state; what is beyond `JointLoadBelief` stands still.
+        p: parameters.
+        moment_walk: [Nm/s^0.5].
+    """
     dt, walk = p.dt, p.load_walk
-    lower = [[0.0 * dt] * (i + 1) for i in range(len(b))]
+    lower = [[0.0 * dt] * (i + 1) for i in range(size)]
     for k in range(4):
         s, w, f = k, 4 + k, LOADS.start + k
         pushed = walk / p.wheel_mass[k]
@@ -168,6 +215,6 @@ def _process_cov(b: JointLoadBelief, p: JointLoadParams) -> Any:
         lower[f][s], lower[f][w] = walk * pushed * dt**3 / 6, walk * pushed * dt**2 / 2
         lower[f][f] = walk**2 * dt
     for k in (12, 13):
-        lower[k][k] = p.tuning.moment_walk**2 * dt
+        lower[k][k] = moment_walk**2 * dt
     lower[14][14] = _MASS_WALK**2 * dt
     return tuple(tuple(row) for row in lower)

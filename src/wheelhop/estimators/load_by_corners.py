@@ -19,7 +19,7 @@ from wheelhop.estimators.derivative_load import (
     derivative_params,
 )
 from wheelhop.estimators.inverse_load import LoadSensors
-from wheelhop.estimators.joint_load import WheelLoads
+from wheelhop.estimators.joint_load_mixture import WheelLoads
 from wheelhop.estimators.unbiased_load import unbiased, unbiased_params
 from wheelhop.estimators.wheel_load import LoadSample
 from wheelhop.estimators.youla_load import constant_loads, unknown_before, youla_params

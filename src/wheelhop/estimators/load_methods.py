@@ -45,6 +45,7 @@ def loads_by(
     bandwidth: float = BANDWIDTH,
     sensors: LoadSensors = SENSORS,
     on_progress: Progress | None = None,
+    find_springs: bool = False,
 ) -> LoadsFound:
     """The loads of a record.
 
@@ -62,29 +63,43 @@ def loads_by(
             records slower than 16 times that `YOULA` passes less, `passed_bandwidth` tells it.
         sensors: their noise.
         on_progress: called with work done and work in all, by `JOINT` alone.
+        find_springs: by `JOINT` alone: find from a_x and a_y how stiff springs and dampers are.
 
     Raises:
-        InputError: for another method, signals that the record lacks, or a bandwidth beyond half
-            the sampling rate.
+        InputError: for another method, signals that the record lacks, a bandwidth beyond half the
+            sampling rate, or springs to be found by another method than `JOINT`.
         DivergenceError: if the joint filter leaves the finite numbers.
     """
     if method not in NAMES:
         raise InputError("method", f"{method!r} is unknown", f"Use one of {', '.join(NAMES)}.")
     if method == JOINT:
-        return _joint(record, as_arrays(vehicle), sensors, on_progress)
+        return _joint(record, as_arrays(vehicle), sensors, on_progress, find_springs)
+    if find_springs:
+        raise InputError(
+            "find_springs", f"{method} takes the springs as given", f"Use the method {JOINT}."
+        )
     return METHODS[method](record, as_arrays(vehicle), bandwidth, sensors)
 
 
 def _joint(
-    record: LoadRecord, vehicle: FullVehicle, sensors: LoadSensors, on_progress: Progress | None
+    record: LoadRecord,
+    vehicle: FullVehicle,
+    sensors: LoadSensors,
+    on_progress: Progress | None,
+    find_springs: bool,
 ) -> LoadsFound:
     suspension_signals(record)
+    horizontal = (
+        _horizontal(record, "find the loads with the springs given") if find_springs else None
+    )
     tuning = JointLoadTuning(
         body_acceleration=sensors.acceleration_noise,
         compression=sensors.deflection_noise,
         wheel_acceleration=sensors.acceleration_noise,
     )
-    found = wheel_loads(record.sample, record.dt, vehicle, tuning, on_progress=on_progress)
+    found = wheel_loads(
+        record.sample, record.dt, vehicle, tuning, on_progress=on_progress, horizontal=horizontal
+    )
     static = static_loads(vehicle)
     return LoadsFound(
         record.t, found.load, found.sigma, found.total, found.total_sigma, static, found
@@ -95,14 +110,17 @@ def _algebraic(
     record: LoadRecord, vehicle: FullVehicle, bandwidth: float, sensors: LoadSensors
 ) -> LoadsFound:
     del bandwidth, sensors
-    if record.a_x is None or record.a_y is None:
-        missing = "a_x" if record.a_x is None else "a_y"
-        raise InputError(
-            missing, "the log lacks it", "Add it, or use a method with springs and dampers."
-        )
-    a_x, a_y = as_numbers((record.a_x, record.a_y))
+    a_x, a_y = as_numbers(_horizontal(record, "use a method with springs and dampers"))
     load = np.asarray(algebraic_loads(a_x, a_y, distribution_of(vehicle)))
     return loads_found(record, vehicle, list(load.T), [np.full(len(load), np.nan)] * 4, np.nan)
+
+
+def _horizontal(record: LoadRecord, otherwise: str) -> tuple[np.ndarray, np.ndarray]:
+    """a_x and a_y of a record, which it must have; else the message says what to do."""
+    if record.a_x is None or record.a_y is None:
+        missing = "a_x" if record.a_x is None else "a_y"
+        raise InputError(missing, "the log lacks it", f"Add it, or {otherwise}.")
+    return record.a_x, record.a_y
 
 
 METHODS: dict[str, Callable[[LoadRecord, FullVehicle, float, LoadSensors], LoadsFound]] = {

@@ -35,9 +35,9 @@ from wheelhop.studies.filipozzi.noise_report import (
     noise_tables,
 )
 from wheelhop.studies.filipozzi.robustness import robustness
+from wheelhop.studies.filipozzi.robustness_claims import robustness_findings
+from wheelhop.studies.filipozzi.robustness_figures import robustness_figures
 from wheelhop.studies.filipozzi.robustness_report import (
-    robustness_figures,
-    robustness_findings,
     robustness_in_words,
     robustness_numbers,
     robustness_tables,

@@ -38,6 +38,9 @@ FREE, REST = "from the free spring", "from rest"
 
 METHODS = (YOULA, UNBIASED)
 
+FITTED = f"{JOINT}, springs found"
+"""The joint filter that finds how stiff springs and dampers are."""
+
 TRANSIENT = 1.0
 """Duration after the brakes are stepped on that counts as transient [s]."""
 
@@ -51,8 +54,10 @@ class Robustness(NamedTuple):
         stiffness: by what deflections are counted from, factor and method.
         damping: by factor and method.
         digressive: by method, and `JOINT`, which knows the damper.
-        joint: what the joint filter says that believes in the right springs, deflections counted
-            from the design place, by the factor of the plant's springs.
+        joint: what the joint filter says that believes in springs x 1, deflections counted from
+            the design place, by the factor of the plant's springs.
+        fitted: the same of `FITTED`.
+        fitted_damping: of `FITTED`, by the factor of the plant's dampers.
         linear: what the estimators believe of the corners, leaves [4].
         plant: that has the digressive dampers.
     """
@@ -63,6 +68,8 @@ class Robustness(NamedTuple):
     damping: dict[float, dict[str, np.ndarray]]
     digressive: dict[str, np.ndarray]
     joint: dict[float, JointBelief]
+    fitted: dict[float, JointBelief]
+    fitted_damping: dict[float, JointBelief]
     linear: CornerSuspension
     plant: FullVehicle
 
@@ -74,11 +81,15 @@ class JointBelief(NamedTuple):
         load: [time, 4] N.
         sigma: standard deviation that it states, [time, 4] N.
         surprise: normalised innovation squared per its freedom, about one where all fits, [time].
+        scale: of springs and of dampers, per those believed in, at the end, [2].
+        scale_sigma: its standard deviation, [2]; zeros where they are taken as known.
     """
 
     load: np.ndarray
     sigma: np.ndarray
     surprise: np.ndarray
+    scale: np.ndarray
+    scale_sigma: np.ndarray
 
 
 class Transfer(NamedTuple):
@@ -110,7 +121,7 @@ def robustness(settings: FilipozziSettings, store: Store, advance: Advance) -> R
     names = [*BRAKE_STIFFNESS.values(), *BRAKE_DAMPING.values(), BRAKE_DIGRESSIVE]
     linear = corner_suspensions(paper_vehicle())
     depends = (settings.seed, settings.rate, settings.bandwidth, settings.quick)
-    total = 4 * len(FACTORS) + 1
+    total = 6 * len(FACTORS) + 1
     stiffness: dict[str, dict[float, dict[str, np.ndarray]]] = {FREE: {}, REST: {}}
     done = 0
     for factor in FACTORS:
@@ -127,6 +138,14 @@ def robustness(settings: FilipozziSettings, store: Store, advance: Advance) -> R
         work = partial(_joint, driven[BRAKE_STIFFNESS[factor]], settings)
         joint[factor] = JointBelief(**store.arrays(f"joint_{factor:g}", depends, work))
         done += 1
+    fitted: dict[str, dict[float, JointBelief]] = {"stiffness": {}, "damping": {}}
+    for factor in FACTORS:
+        for kind, by_factor in (("stiffness", BRAKE_STIFFNESS), ("damping", BRAKE_DAMPING)):
+            advance(done, total)
+            work = partial(_joint, driven[by_factor[factor]], settings, told=True)
+            told = store.arrays(f"fitted_{kind}_{factor:g}", depends, work)
+            fitted[kind][factor] = JointBelief(**told)
+            done += 1
     damping = {}
     for factor in FACTORS:
         advance(done, total)
@@ -139,7 +158,18 @@ def robustness(settings: FilipozziSettings, store: Store, advance: Advance) -> R
     digressive = store.arrays("digressive", depends, work)
     advance(total, total)
     own = {name: driven[name] for name in names}
-    return Robustness(settings, own, stiffness, damping, digressive, joint, linear, plant)
+    return Robustness(
+        settings,
+        own,
+        stiffness,
+        damping,
+        digressive,
+        joint,
+        fitted["stiffness"],
+        fitted["damping"],
+        linear,
+        plant,
+    )
 
 
 def transfer(drive: Drive, load: np.ndarray) -> Transfer:
@@ -173,10 +203,15 @@ def _observed(
     return {method: one(method).load for method in METHODS}
 
 
-def _joint(drive: Drive, settings: FilipozziSettings) -> dict[str, np.ndarray]:
+def _joint(drive: Drive, settings: FilipozziSettings, told: bool = False) -> dict[str, np.ndarray]:
     sample, tuning = joint_sample(drive, False), joint_tuning(PERFECT)
-    found = wheel_loads(sample, 1.0 / settings.rate, paper_vehicle(), tuning)
-    return JointBelief(found.load, found.sigma, found.nis / found.freedom)._asdict()
+    horizontal = (drive.a_x, drive.a_y) if told else None
+    found = wheel_loads(sample, 1.0 / settings.rate, paper_vehicle(), tuning, horizontal=horizontal)
+    scale, sigma = np.ones(2), np.zeros(2)
+    if found.scale is not None and found.scale_sigma is not None:
+        scale, sigma = found.scale, found.scale_sigma
+    surprise = found.nis / found.freedom
+    return JointBelief(found.load, found.sigma, surprise, scale, sigma)._asdict()
 
 
 def _with_joint(

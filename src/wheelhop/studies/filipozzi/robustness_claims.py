@@ -6,7 +6,6 @@ import numpy as np
 
 from wheelhop.io.report import Finding
 from wheelhop.studies.filipozzi.drives import BRAKE, BRAKE_DIGRESSIVE
-from wheelhop.studies.filipozzi.maneuvers import JOINT
 from wheelhop.studies.filipozzi.methods import YOULA
 from wheelhop.studies.filipozzi.robustness import (
     FREE,
@@ -16,15 +15,17 @@ from wheelhop.studies.filipozzi.robustness import (
     Robustness,
     transfer,
 )
+from wheelhop.studies.filipozzi.robustness_claims_beyond import (
+    MUCH,
+    SMALL,
+    WRONG,
+    robustness_findings_beyond,
+)
 from wheelhop.studies.filipozzi.robustness_measures import (
-    LINEAR_JOINT,
     apart,
-    axis_error,
     damping_swing,
     damping_transfer,
     digressive_swing,
-    joint_rms,
-    joint_transfer,
     static_offset,
     stiffness_transfer,
 )
@@ -35,33 +36,21 @@ PAPER_TRANSFER, PAPER_STIFF_TRANSFER = 700.0, 450.0
 """Load transfer that the paper's observers find with the right springs, and with springs 50 %
 stiffer than they believe [N]."""
 
-SMALL = 0.05
-"""Difference, per what it is compared with, that counts as none; the paper rounds its transfers to
-50 N, half of which is 0.04 of 700 N."""
-
 SAME = 0.01
 """Difference per the load transfer that counts as none between two estimates."""
 
-MUCH = 2.0
-"""Ratio of errors in the transient from which on a damper is said to matter."""
-
-WRONG = tuple(factor for factor in FACTORS if factor != 1.0)
-
 
 def robustness_findings(result: Robustness) -> list[Finding]:
-    """The paper's claims on Fig. 8 and 9, and what a filter gains that knows the damper."""
+    """The paper's claims on Fig. 8 and 9, and what lies beyond them."""
     return [
         _offset(result),
         _cause(result),
         _correct(result),
-        _axis(result),
         _transfer(result),
-        _joint_springs(result),
-        _joint_honest(result),
         _damping(result),
         _same(result),
         _digressive(result),
-        _known(result),
+        *robustness_findings_beyond(result),
     ]
 
 
@@ -122,22 +111,8 @@ def _correct(result: Robustness) -> Finding:
             for method, one in zip(METHODS, found, strict=True)
         ),
         verdict_of([abs(one.estimated - one.true) <= SMALL * one.true for one in found]),
-        f"Judged by {SMALL:.0%}. Springs, dampers and masses are those of the plant; the next "
-        "finding says where the rest is.",
-    )
-
-
-def _axis(result: Robustness) -> Finding:
-    axis = axis_error(result)
-    return Finding(
-        "beyond the paper",
-        "what a quarter car with the right springs still misses while braking is the part of the "
-        "brake forces along the pitched body's axis",
-        f"the four loads together are off by {axis.measured:+.0f} N; m a_x sin(pitch) + m g (1 - "
-        f"cos(pitch)) is {axis.expected:+.0f} N at {np.degrees(axis.pitch):.2f} degrees",
-        verdict_of([abs(axis.measured - axis.expected) <= SMALL * abs(axis.expected)]),
-        f"Judged by {SMALL:.0%}. The quarter car stands upright; struts and sensors of a "
-        "body that pitches do not, and a part of every brake force passes them by.",
+        f"Judged by {SMALL:.0%}. Springs, dampers and masses are those of the plant; the first "
+        "finding beyond the paper says where the rest is.",
     )
 
 
@@ -163,42 +138,6 @@ def _transfer(result: Robustness) -> Finding:
         "the estimator multiplies by its own stiffness. Judged by "
         f"{SMALL:.0%}: 1 / f for the estimate per that with the right springs, the paper's 450 per "
         "700 N for the estimate per true transfer.",
-    )
-
-
-def _joint_springs(result: Robustness) -> Finding:
-    youla = {f: stiffness_transfer(result, REST, f, YOULA) for f in FACTORS}
-    joint = {f: joint_transfer(result, f) for f in FACTORS}
-    return Finding(
-        "beyond the paper; Fig. 8",
-        "with wrong springs too the joint filter finds the load transfer better than the observers",
-        "; ".join(
-            f"springs x {f:g}: {joint[f].estimated:.0f} N of {joint[f].true:.0f} N (Youla "
-            f"{youla[f].estimated:.0f} N)"
-            for f in FACTORS
-        ),
-        verdict_of(abs(joint[f].steady) < abs(youla[f].steady) for f in WRONG),
-        "Judged with the wrong springs. The joint filter believes in the vehicle with springs x 1, "
-        "deflections counted from the design place. Elsewhere in this study it has the strut laws "
-        "and the parameters of the simulated vehicle.",
-    )
-
-
-def _joint_honest(result: Robustness) -> Finding:
-    fit = {f: joint_rms(result, f) for f in FACTORS}
-    return Finding(
-        "beyond the paper; Fig. 8",
-        "the joint filter's standard deviation covers the error that wrong springs make",
-        "while braking, over the four loads: "
-        + "; ".join(
-            f"springs x {f:g} off by {error:.0f} N rms, stated {stated:.0f} N, innovation squared "
-            f"per freedom {surprise:.2g}"
-            for f, (error, stated, surprise) in fit.items()
-        ),
-        verdict_of(fit[f][0] <= 2.0 * fit[f][1] for f in WRONG),
-        "Judged by two standard deviations. They know of noise, of how fast loads change and of "
-        "the ground's tilt, not of wrong springs; an innovation squared far above its freedom says "
-        "that something is wrong, one near it or below says nothing of a bias.",
     )
 
 
@@ -258,20 +197,4 @@ def _digressive(result: Robustness) -> Finding:
         ),
         f"The SUV's own dampers resist extension more and fade; braking compresses the front left "
         f"strut by up to {most:.2f} m/s. The believed damper has their slope at rest.",
-    )
-
-
-def _known(result: Robustness) -> Finding:
-    swings = {m: digressive_swing(result, m) for m in (YOULA, JOINT, LINEAR_JOINT)}
-    steady = transfer(result.drives[BRAKE_DIGRESSIVE], result.digressive[JOINT]).steady
-    return Finding(
-        "beyond the paper",
-        "a filter of the whole vehicle that knows the damper's map is rid of that error",
-        f"rms error while the brakes come on {swings[JOINT]:.0f} N with the map, "
-        f"{swings[LINEAR_JOINT]:.0f} N with a linear damper, Youla observer {swings[YOULA]:.0f} "
-        f"N; steady error of the transfer with the map {steady:+.1f} N",
-        verdict_of(swings[m] >= MUCH * swings[JOINT] for m in (YOULA, LINEAR_JOINT)),
-        f"Judged: {MUCH:g} times smaller than the Youla observer's, and than that of the same "
-        "filter with a linear damper. The map that it knows is the plant's own law, with exact "
-        "parameters.",
     )

@@ -19,6 +19,7 @@ from wheelhop.studies.filipozzi.methods import UNBIASED, YOULA
 from wheelhop.studies.filipozzi.robustness import (
     REST,
     TRANSIENT,
+    JointBelief,
     Robustness,
     Transfer,
     transfer,
@@ -56,9 +57,13 @@ def joint_transfer(result: Robustness, factor: float) -> Transfer:
     return transfer(result.drives[BRAKE_STIFFNESS[factor]], result.joint[factor].load)
 
 
-def joint_rms(result: Robustness, factor: float) -> tuple[float, float, float]:
+def fitted_transfer(result: Robustness, factor: float) -> Transfer:
+    """Of the joint filter that finds the springs, front left."""
+    return transfer(result.drives[BRAKE_STIFFNESS[factor]], result.fitted[factor].load)
+
+
+def joint_rms(drive: Drive, one: JointBelief) -> tuple[float, float, float]:
     """Rms error of its four loads, deviation stated [N], and mean surprise, while braking."""
-    drive, one = result.drives[BRAKE_STIFFNESS[factor]], result.joint[factor]
     late = drive.t >= BRAKE_BEGIN
     error, stated = (one.load - drive.load)[late], one.sigma[late]
     return (
