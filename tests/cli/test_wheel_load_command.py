@@ -174,6 +174,11 @@ def test_scales_that_were_found_are_in_the_summary():
     found = results(STATIC[0], joint=joint)
     assert (found["springs_scale"], found["dampers_scale"]) == pytest.approx((1.5, 0.7))
     assert found["springs_scale_sigma"] == pytest.approx(0.03)
+    assert "explains nothing" not in verdict_of(found)
+    far = replace(joint, scale=np.array([1.0, 6.0]), scale_sigma=np.array([0.3, 0.1]))
+    doubted = verdict_of(results(STATIC[0], joint=far))
+    assert "the dampers seem 6 times as strong as the vehicle's, which explains nothing" in doubted
+    assert "this drive tells little of the springs" in doubted
     assert "springs_scale" not in results(STATIC[0], joint=believed(1800.0))
 
 

@@ -23,12 +23,16 @@ CHASSIS = CAR.chassis
 HEAVY = replace(CAR, chassis=replace(CHASSIS, body_mass=CHASSIS.body_mass + 200.0))
 
 
-@cache
 def drive(heavy=False, turning=False):
     """At 90 km/h on a road of class B, braking after 0.5 s, or a lane change after 0.2 s.
 
     With digressive dampers and bars.
     """
+    return _drive(heavy, turning)
+
+
+@cache
+def _drive(heavy, turning):
     tracks = random_tracks(jax.random.key(1), level_of("B"), 60.0, lines_of(CAR))
     car = HEAVY if heavy else CAR
     return drive_vehicle(

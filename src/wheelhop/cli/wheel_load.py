@@ -86,8 +86,9 @@ def wheel_load(
         bool,
         typer.Option(
             "--find-springs",
-            help="Method joint: do not trust the vehicle's springs and dampers; a_x and a_y tell "
-            "how stiff they are while braking and cornering.",
+            help="Method joint: do not trust the rates of the vehicle's springs and dampers; a_x "
+            "(forward) and a_y (to the left, noise 0.05 m/s^2) tell them while braking and "
+            "cornering. The springs' force at the design place is taken as known.",
         ),
     ] = False,
     payload: Annotated[
@@ -114,7 +115,7 @@ def wheel_load(
     Another: wheelhop simulate --vehicle suv --maneuver brake-step --out drive, then
     wheelhop wheel-load drive/log.parquet --method youla --bandwidth 10
 
-    Springs that sag: wheelhop wheel-load drive/log.parquet --find-springs
+    Stiffer springs than the vehicle's: wheelhop wheel-load drive/log.parquet --find-springs
     """
     require_writable(out)
     if method not in NAMES:

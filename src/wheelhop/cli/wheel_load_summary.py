@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from wheelhop.estimators.joint_load_scales import RUNAWAY
 from wheelhop.estimators.load_methods import LoadsFound
 from wheelhop.vehicle.full_vehicle_parameters import CORNERS
 from wheelhop.vehicle.full_vehicle_state import STANDARD_GRAVITY
@@ -17,6 +18,7 @@ _WEIGHT_TOLERANCE = 0.03
 _EQUAL = 5e-4
 _FEW_INSIDE = 0.8
 _NIS_RATIO = 1.5
+_TELLS_LITTLE = 0.28
 
 
 def summary_of(
@@ -159,6 +161,19 @@ def _doubts(results: dict[str, Any]) -> list[str]:
             "sigma is too small for the errors: the true loads lie within two sigma at "
             f"{', '.join(few)} of the samples, where 95 % should"
         )
+    for name in ("springs", "dampers"):
+        scale, sigma = results.get(f"{name}_scale"), results.get(f"{name}_scale_sigma")
+        if scale is None or sigma is None:
+            continue
+        if not 1.0 / RUNAWAY < scale < RUNAWAY:
+            lines.append(
+                f"the {name} seem {scale:.3g} times as strong as the vehicle's, which explains "
+                "nothing: the loads are not to be trusted; check a_x, a_y and --vehicle"
+            )
+        elif sigma > _TELLS_LITTLE * scale:
+            lines.append(
+                f"this drive tells little of the {name}: braking and cornering do, not coasting"
+            )
     if "mean_nis" in results:
         ratio = results["mean_nis"] / results["mean_samples_at_once"]
         if not 1.0 / _NIS_RATIO <= ratio <= _NIS_RATIO:

@@ -35,6 +35,7 @@ from wheelhop.estimators.joint_load_scales import (
     scaled_load_filter,
     scaled_load_prior,
     scales_of,
+    tell_doubts,
 )
 from wheelhop.filtering import Filter, Gaussian
 from wheelhop.filtering.drive import Bind, constant_params, run_in_chunks
@@ -67,15 +68,18 @@ def wheel_loads(
             vehicle at rest.
         on_progress: called with samples done and samples in all, those of every filter of the
             bank counted.
-        horizontal: a_x and a_y of accelerometers at the body's centre of mass [m/s^2], [time]:
-            then springs and dampers need not be what `vehicle` says, and how stiff they are is
-            found first, from how they balance the moments that these tell. A record without
-            braking or cornering tells little, and says so by `scale_sigma`.
+        horizontal: a_x forward and a_y to the left, as accelerometers at the body's centre of mass
+            show them (0 at rest on level ground) [m/s^2], [time], NaN in gaps of 0.1 s at most.
+            Then the springs' rate about the design place and the dampers' strength need not be
+            what `vehicle` says: their scales are found first, by filtering the record with the
+            moments that these tell. The preload and the anti-roll bars are taken as known: springs
+            that have sagged look like a payload. A record without braking or cornering tells
+            little, and says so by `scale_sigma`. Scales that explain nothing are warned of.
 
     Raises:
         InputError: for a record that is too short, of unequal lengths, in other units, without the
-            deflection of a corner or without any accelerometer, for a_x or a_y that are mostly
-            missing, and for tuning out of range.
+            deflection of a corner or without any accelerometer, for a_x or a_y with long gaps, and
+            for tuning out of range.
         DivergenceError: if the filter leaves the finite numbers; says when.
     """
     tuning = JointLoadTuning() if tuning is None else tuning
@@ -90,8 +94,8 @@ def wheel_loads(
     if horizontal is not None:
         a_x, a_y = horizontal
         inputs = (
-            checked_horizontal("a_x", a_x, samples).astype(kind),
-            checked_horizontal("a_y", a_y, samples).astype(kind),
+            checked_horizontal("a_x", a_x, samples, dt).astype(kind),
+            checked_horizontal("a_y", a_y, samples, dt).astype(kind),
         )
     total = (1 if inputs is None else 2) * len(walks) * samples
 
@@ -113,6 +117,8 @@ def wheel_loads(
             np.array([m[3].sum() for m in told]),
             (float(tuning.spring_doubt), float(tuning.damper_doubt)),
         )
+        freedom = float(np.isfinite(np.stack(sample)).sum(0).mean())
+        tell_doubts(scales, min(m[4].mean() for m in told) / freedom)
         params = [replace(p, scale=jnp.asarray(scales.value, kind)) for p in params]
         before = len(walks)
     find = _Finder(joint_load_filter(), joint_load_prior, constant_params)
@@ -153,7 +159,7 @@ def _filtered(
 
 
 def _told(params: JointLoadParams, now: Any) -> JointLoadParams:
-    return replace(params, a_x=now[0], a_y=now[1])
+    return replace(params, told=jnp.ones_like(params.told), a_x=now[0], a_y=now[1])
 
 
 def _first_belief(prior: Gaussian, params: JointLoadParams, uninitialised: bool) -> Gaussian:

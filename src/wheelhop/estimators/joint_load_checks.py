@@ -21,6 +21,11 @@ from wheelhop.vehicle.time_grid import require_rate
 LARGEST_HORIZONTAL = 30.0
 """Beyond this a_x or a_y has a wrong unit [m/s^2]."""
 
+LONGEST_GAP = 0.1
+"""A brake is not stepped on and released in it [s]."""
+
+_RELATIVE = ("tilt_per_walk", "scale_prior", "scale_walk", "spring_doubt", "damper_doubt")
+
 _LIMITS = (
     ("a_s", LARGEST_BODY, "m/s^2"),
     ("compression", LARGEST_COMPRESSION, "m"),
@@ -70,28 +75,27 @@ def checked_sample(sample: VehicleLoadSample, dt: float) -> VehicleLoadSample:
     return found
 
 
-def checked_horizontal(name: str, signal: np.ndarray, samples: int) -> np.ndarray:
+def checked_horizontal(name: str, signal: np.ndarray, samples: int, dt: float) -> np.ndarray:
     """a_x or a_y [time] without gaps: what is lost is drawn straight between its neighbours.
 
     Args:
         name: of the signal.
         signal: [m/s^2], [time], NaN where a sample is missing.
         samples: of the record.
+        dt: sampling interval [s].
 
     Raises:
-        InputError: for another length, another unit, or more than half of it missing.
+        InputError: for another length, another unit, or a gap that may hide a maneuver.
     """
     found = np.asarray(signal, float)
     if found.shape != (samples,):
         raise InputError(
             name, f"its shape is {found.shape}", f"Give {samples} samples, those of the record."
         )
-    known = np.isfinite(found)
-    if known.mean() < 0.5:
+    known = ~np.isnan(found)
+    if not known.any():
         raise InputError(
-            name,
-            f"{1.0 - known.mean():.0%} of its samples are missing",
-            "Give an accelerometer that works, or find the loads without it.",
+            name, "it has no sample", "Give an accelerometer, or find the loads without it."
         )
     if not np.abs(found[known]).max() <= LARGEST_HORIZONTAL:
         raise InputError(
@@ -99,8 +103,16 @@ def checked_horizontal(name: str, signal: np.ndarray, samples: int) -> np.ndarra
             f"it reaches {np.abs(found[known]).max():.4g}, beyond {LARGEST_HORIZONTAL:g} m/s^2",
             "Give m/s^2, of an accelerometer at the body's centre of mass.",
         )
-    place = np.arange(samples)
-    return np.interp(place, place[known], found[known])
+    place = np.flatnonzero(known)
+    ends = np.concatenate([[-1], place, [samples]])
+    gaps = dt * (np.diff(ends) - 1)
+    if gaps.max() > LONGEST_GAP:
+        raise InputError(
+            name,
+            f"it is missing for {gaps.max():.3g} s from {dt * (ends[gaps.argmax()] + 1):.4g} s on",
+            f"Gaps of {LONGEST_GAP:g} s are bridged; cut the record, or find the loads without it.",
+        )
+    return np.interp(np.arange(samples), place, found[place])
 
 
 def check_tuning(tuning: JointLoadTuning) -> None:
@@ -124,8 +136,8 @@ def check_tuning(tuning: JointLoadTuning) -> None:
                 f"tuning.{field.name}", getattr(tuning, field.name), 1e-7, 1e7, "(SI unit)"
             )
     require_in_range("tuning.patch_tilt", tuning.patch_tilt, 0.0, 0.5, "rad")
-    require_in_range("tuning.spring_doubt", tuning.spring_doubt, 0.0, 1.0, "(relative)")
-    require_in_range("tuning.damper_doubt", tuning.damper_doubt, 0.0, 1.0, "(relative)")
+    for name in _RELATIVE[1:]:
+        require_in_range(f"tuning.{name}", getattr(tuning, name), 0.0, 1.0, "(relative)")
     require_in_range("tuning.tilt_per_walk", tuning.tilt_per_walk, 0.0, 1e-3, "rad s^0.5/N")
     if not tuning.load_walks:
         raise InputError("tuning.load_walks", "it is empty", "Give one intensity or more.")

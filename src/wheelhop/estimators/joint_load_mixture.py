@@ -5,15 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from scipy.signal import lfilter
 from scipy.special import logsumexp
 
 from wheelhop.errors import DivergenceError
 from wheelhop.estimators.joint_load_model import LOADS, JointLoadBelief
-from wheelhop.estimators.joint_load_params import JointLoadParams
+from wheelhop.estimators.joint_load_params import JointLoadParams, map_springs
 from wheelhop.estimators.joint_load_scales import Scales
+from wheelhop.vehicle.full_vehicle_state import STANDARD_GRAVITY
 from wheelhop.vehicle.load_record import VehicleLoadSample
+from wheelhop.vehicle.strut import damper_force, spring_force
 
 FORGETTING = 0.1
 """Time [s] over which the evidence for a filter of the bank is forgotten."""
@@ -41,9 +44,9 @@ class WheelLoads:
         load_walk: mean intensity believed in [N/s^0.5], [time]: roughness of road and driving.
         nis: normalised innovation squared of the bank, about `freedom` where it fits, [time].
         freedom: entries present, [time].
-        scale: what the springs' stiffness and the dampers' force truly are per those of the
-            vehicle, [2], where a_x and a_y were given, or None.
-        scale_sigma: [2], or None.
+        scale: what the springs' rate and the dampers' force seem to be per those of the vehicle,
+            [2], where a_x and a_y were given, or None.
+        scale_sigma: its standard deviation, doubts of the tuning included, [2], or None.
     """
 
     t: np.ndarray
@@ -107,7 +110,7 @@ def mixed(
     params: JointLoadParams,
     scales: Scales | None = None,
 ) -> WheelLoads:
-    """Mean and covariance of the bank's mixture, and what the tilt of the ground adds to it.
+    """Mean and covariance of the bank's mixture; what the ground's tilt and the scales' doubt add.
 
     Args:
         members: of every filter the states, covariances of the loads, variances from `SLOW` on,
@@ -144,12 +147,11 @@ def mixed(
     off = means[..., SLOW:] - mean[:, SLOW:]
     spread = np.sqrt(np.einsum("kt,ktn->tn", weights, variance + off**2))
     body_mass = float(params.body_mass) * np.exp(mean[:, SLOW])
+    mass_sigma = body_mass * spread[:, 0]
     if scales is not None:
-        # a spring that is stiffer than believed carries more of what has moved it
-        laws = (params.strut.stiffness, params.strut.damper.damping)
-        for k, law in enumerate(laws):
-            moved = scales.value[k] * np.asarray(law, float) * mean[:, 4 * k : 4 * k + 4]
-            cov += scales.ln_sigma[k] ** 2 * moved[:, :, None] * moved[:, None, :]
+        added, weight = _of_scales(mean, scales, params)
+        cov += added
+        mass_sigma = np.hypot(mass_sigma, weight)
     return WheelLoads(
         t=dt * np.arange(len(mean)),
         load=mean[:, LOADS],
@@ -161,10 +163,24 @@ def mixed(
         roll_moment=mean[:, 12],
         pitch_moment=mean[:, 13],
         body_mass=body_mass,
-        body_mass_sigma=body_mass * spread[:, 0],
+        body_mass_sigma=mass_sigma,
         load_walk=weights.T @ walks,
         nis=np.sum(weights * nis, 0),
         freedom=np.isfinite(np.stack(sample)).sum(0),
         scale=None if scales is None else scales.value,
         scale_sigma=None if scales is None else scales.value * scales.ln_sigma,
     )
+
+
+def _of_scales(mean: np.ndarray, scales: Scales, params: JointLoadParams) -> tuple[np.ndarray, Any]:
+    """Covariance of loads [N^2] and deviation of the mass [kg] from scales that are in doubt.
+
+    Struts that are stronger than believed carry more of what has moved them.
+    """
+    law = map_springs(lambda leaf: leaf[:, None], params.strut)
+    s, w = (jnp.asarray(mean[:, k : k + 4].T, law.preload.dtype) for k in (0, 4))
+    forces = spring_force(s, law) - law.preload, damper_force(w, law)
+    moved = scales.value[:, None, None] * np.array([np.asarray(f, float).T for f in forces])
+    sigma = scales.ln_sigma[:, None, None] * moved
+    weight = abs(sigma[0].sum(1).mean()) / STANDARD_GRAVITY
+    return np.einsum("kti,ktj->tij", sigma, sigma), weight

@@ -95,21 +95,25 @@ def shown_accelerations(
     carried = jnp.maximum(jnp.sum(load, 0), 0.1 * jnp.sum(p.static_load, 0))
     share = load / carried[None]
 
+    behind = x - jnp.mean(x, 0)[None]
+    leaning = -jnp.sum(y * sunk, 0) / jnp.sum(y * y, 0)
+    diving = jnp.sum(behind * sunk, 0) / jnp.sum(behind * behind, 0)
     heavier = jnp.exp(b.ln_mass)
     total = p.body_mass * heavier + jnp.sum(p.wheel_mass, 0)
-    # a force at a contact that has come nearer to the body has less of a lever
-    roll_moment = b.roll_moment + total * p.a_y * (p.lever - jnp.sum(share * sunk, 0))
+    # a force at a contact that has come nearer to the body has less of a lever; what the lean
+    # makes of the weight in a_x and a_y acts at the hubs, under which the contacts stay
+    weight = p.told * p.radius * jnp.sum(load, 0)
+    across = total * p.a_y * (p.lever - jnp.sum(share * sunk, 0)) - leaning * weight
+    roll_moment = b.roll_moment + across
     braking = b.pitch_moment - total * p.a_x * p.lever > 0.0
     lengthwise = jnp.where(braking[None], at(p.brake_share), at(p.drive_share))
-    pitch_moment = b.pitch_moment - total * p.a_x * (p.lever - jnp.sum(lengthwise * sunk, 0))
+    ahead = total * p.a_x * (p.lever - jnp.sum(lengthwise * sunk, 0)) + diving * weight
+    pitch_moment = b.pitch_moment - ahead
 
     up = jnp.sum(force, 0) / (p.body_mass * heavier) - STANDARD_GRAVITY
     roll = (jnp.sum(y * force, 0) + roll_moment) / (p.roll_inertia * heavier)
     pitch = (pitch_moment - jnp.sum(x * force, 0)) / (p.pitch_inertia * heavier)
 
-    behind = x - jnp.mean(x, 0)[None]
-    leaning = -jnp.sum(y * sunk, 0) / jnp.sum(y * y, 0)
-    diving = jnp.sum(behind * sunk, 0) / jnp.sum(behind * behind, 0)
     tilted = (leaning * roll_moment)[None] * share + (diving * pitch_moment)[None] * lengthwise
     along = load - tilted / p.lever
     body = up[None] + roll[None] * y - pitch[None] * x

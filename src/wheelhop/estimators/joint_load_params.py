@@ -96,8 +96,10 @@ class JointLoadParams:
         load_walk: [N/s^0.5].
         scale: what the forces of the springs beyond their preload, and those of the dampers, are
             multiplied by, [2].
+        radius: of the wheels under their static loads, mean [m].
+        told: 1 where a_x and a_y tell the moments, 0 where they are found without.
         a_x, a_y: what accelerometers at the body's centre of mass show now [m/s^2]; zeros where
-            the moments are found without them.
+            nothing is told.
         dt: sampling interval [s].
         tuning: noise and priors.
     """
@@ -117,6 +119,8 @@ class JointLoadParams:
     drive_share: Any
     load_walk: Any
     scale: Any
+    radius: Any
+    told: Any
     a_x: Any
     a_y: Any
     dt: Any
@@ -165,6 +169,8 @@ def joint_load_params(
         drive_share=vehicle.drive_share,
         load_walk=number(load_walk),
         scale=number(1.0) + jnp.zeros(2, static.dtype),
+        radius=jnp.mean(wheels.unloaded_radius - sunk, 0),
+        told=number(0.0),
         a_x=number(0.0),
         a_y=number(0.0),
         dt=number(dt),

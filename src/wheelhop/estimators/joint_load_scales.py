@@ -32,6 +32,9 @@ from wheelhop.filtering import Filter, Gaussian, StateSpaceModel, independent, s
 RUNAWAY = 4.0
 """Scale of springs or dampers beyond which, or below whose inverse, they are not believed."""
 
+SURPRISING = 2.0
+"""Innovation squared per entry from which on a_x and a_y are said not to fit."""
+
 
 @dataclass(frozen=True)
 class Scales:
@@ -50,8 +53,8 @@ class ScaledLoadBelief(NamedTuple):
     """State of the filter; the first 15 entries are those of `JointLoadBelief`.
 
     Attributes:
-        ln_spring: logarithm of the springs' stiffness over what it is thought to be; the preload is
-            taken as known.
+        ln_spring: logarithm of the springs' rate over what it is thought to be; their force at the
+            design place is taken as known.
         ln_damper: the same of the dampers' force.
     """
 
@@ -128,9 +131,9 @@ def scales_of(
 ) -> Scales:
     """What a bank of filters says of the scales at the end of a record.
 
-    The bank's members are weighed by how well each has foretold the whole record: one that lets
-    the loads change too slowly for the road takes their changes for those of springs and dampers.
-    Warns where the scales cannot be believed.
+    The bank's members are weighed by how well each has foretold the whole record, in effect the
+    best alone counts: one that lets the loads change too slowly for the road takes their changes
+    for those of springs and dampers. Members that have left the finite numbers are left out.
 
     Args:
         last: logarithms of the scales, [members, 2].
@@ -151,14 +154,34 @@ def scales_of(
     weight = softmax(log_likelihood[finite])
     mean = weight @ last
     spread = weight @ (variance + (last - mean) ** 2) + np.square(doubt)
-    value = np.exp(mean)
-    for name, one in zip(("springs", "dampers"), value, strict=True):
+    return Scales(np.exp(mean), np.sqrt(spread))
+
+
+def tell_doubts(scales: Scales, surprise: float) -> None:
+    """Warn of scales that are not to be believed.
+
+    Args:
+        scales: found.
+        surprise: normalised innovation squared per entry, about one where a_x and a_y, sensors and
+            struts agree.
+    """
+    check = (
+        "Check a_x (forward) and a_y (to the left): signs, unit, place at the centre of mass; the "
+        "vehicle, the shape of its dampers' curve, and the noise of the sensors. The loads are not "
+        "to be trusted."
+    )
+    for name, one in zip(("springs", "dampers"), scales.value, strict=True):
         if not 1.0 / RUNAWAY < one < RUNAWAY:
             warnings.warn(
-                f"the {name} seem {one:.3g} times as stiff as those of the vehicle: no scale "
-                "explains the record. Check the vehicle, the shape of its dampers' curve and the "
-                "noise of the sensors; the loads are not to be trusted.",
+                f"the {name} seem {one:.3g} times as strong as those of the vehicle: no scale "
+                f"explains the record. {check}",
                 InputWarning,
                 stacklevel=3,
             )
-    return Scales(value, np.sqrt(spread))
+    if surprise > SURPRISING:
+        warnings.warn(
+            f"a_x and a_y do not fit what the struts do: innovations squared are {surprise:.3g} "
+            f"times those expected. {check}",
+            InputWarning,
+            stacklevel=3,
+        )

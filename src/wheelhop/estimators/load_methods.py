@@ -52,8 +52,8 @@ def loads_by(
     `JOINT` filters the four corners together with the struts' own laws. `YOULA`, `UNBIASED` and
     `DERIVATIVE` (which has no accelerometers) take springs and dampers as linear; an axle with an
     anti-roll bar is a half car. `ALGEBRAIC` needs a_x and a_y alone, and says no standard
-    deviation. Errors of springs and dampers are in no standard deviation; `JOINT` finds the sprung
-    mass and has its error in.
+    deviation. Errors of springs and dampers are in no standard deviation but where `JOINT` finds
+    them; it finds the sprung mass and has its error in.
 
     Args:
         method: one of `NAMES`.
@@ -63,7 +63,7 @@ def loads_by(
             records slower than 16 times that `YOULA` passes less, `passed_bandwidth` tells it.
         sensors: their noise.
         on_progress: called with work done and work in all, by `JOINT` alone.
-        find_springs: by `JOINT` alone: find from a_x and a_y how stiff springs and dampers are.
+        find_springs: by `JOINT` alone: find from a_x and a_y how strong springs and dampers are.
 
     Raises:
         InputError: for another method, signals that the record lacks, a bandwidth beyond half the

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 from wheelhop.estimators.pressure import StiffnessBelief
+from wheelhop.filtering.smallmat import rows_of
 from wheelhop.filtering.symmetric import eigh, factor_of, inverse, whitened
 
 _WHEELS = 4
@@ -76,9 +77,11 @@ def vertical_evidence(
     strength, axes = eigh(information)
     # what the subtraction leaves by rounding is nothing, and may be negative
     kept = strength > _DROPPED * jnp.finfo(cov.dtype).eps * largest
-    root = jnp.sqrt(jnp.where(kept, strength, 1.0))
-    matrix = jnp.where(kept, root, 0.0)[:, None] * axes.T
-    value = jnp.where(kept, axes.T @ vector / root, 0.0)
+    along = jnp.where(kept[:, None] & kept[None, :], axes.T @ information @ axes, 0.0)
+    root = factor_of(along + jnp.where(kept, 0.0, 1.0)[:, None] * _eye(cov))
+    upper = jnp.stack(rows_of(root)).T
+    matrix = jnp.where(kept[:, None], upper @ axes.T, 0.0)
+    value = whitened(root, jnp.where(kept, axes.T @ vector, 0.0))
     if bias is not None:
         wide = matrix @ jnp.asarray(bias, cov.dtype) @ matrix.T + _eye(cov)
         factor = factor_of(wide)

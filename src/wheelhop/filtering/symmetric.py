@@ -24,7 +24,10 @@ def eigh(matrix: Float[Array, "n n"]) -> tuple[Array, Array]:
     """Eigenvalues [n], in no order, and eigenvectors [n, n] in columns, of a symmetric matrix.
 
     Cyclic Jacobi rotations (Golub and Van Loan 2013, section 8.5): eight sweeps, of which four to
-    six suffice for n <= 8 in double precision. The gradient is finite for equal eigenvalues too.
+    six suffice for n <= 8 in double precision. The eigenvectors carry no gradient, since those of
+    equal eigenvalues have none; that of the eigenvalues is right for sums over equal ones. A
+    function of the matrix that needs more is a factor of V' A V, which is diagonal only in value.
+    NaN entries make NaN eigenvalues.
     """
     n = matrix.shape[0]
     pairs = [(p, q) for p in range(n) for q in range(p + 1, n)]
@@ -34,12 +37,13 @@ def eigh(matrix: Float[Array, "n n"]) -> tuple[Array, Array]:
             found = _rotated(*found, p, q)
         return found
 
+    still = jax.lax.stop_gradient(matrix)
     # of order one, so that no square underflows
-    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(matrix)))
+    largest = jnp.max(jnp.abs(still))
     size = jnp.where(largest > 0, largest, 1.0)
     eye = jnp.eye(n, dtype=matrix.dtype)
-    rotated, vectors = jax.lax.fori_loop(0, _SWEEPS, sweep, (matrix / size, eye))
-    return jnp.diagonal(rotated) * size, vectors
+    vectors = jax.lax.fori_loop(0, _SWEEPS, sweep, (still / size, eye))[1]
+    return jnp.sum(vectors * (matrix @ vectors), 0), vectors
 
 
 def factor_of(matrix: Float[Array, "n n"]) -> Lower:
@@ -59,7 +63,10 @@ def solved(factor: Lower, columns: Float[Array, "n *k"]) -> Array:
 
 
 def inverse(matrix: Float[Array, "n n"]) -> Array:
-    """Inverse [n, n] of a positive definite matrix, symmetric to the last digit."""
+    """Inverse [n, n] of a positive definite matrix, symmetric to the last digit.
+
+    Of one that is not, the directions whose pivot is not positive are left out.
+    """
     half = whitened(factor_of(matrix), jnp.eye(matrix.shape[0], dtype=matrix.dtype))
     return half.T @ half
 
