@@ -87,7 +87,7 @@ def recorder(model, params, start):
 
     def step(x, given):
         key, gain, told = given
-        p = params if told is None else replace(params, a_x=told[0], a_y=told[1])
+        p = params if told is None else replace(params, told=1.0, a_x=told[0], a_y=told[1])
         one, two = jax.random.split(key)
         moved = jnp.stack(model.transition(belief(*x), p))
         x = moved + push @ jax.random.normal(one, (n,)) + gain

@@ -18,7 +18,7 @@ _WEIGHT_TOLERANCE = 0.03
 _EQUAL = 5e-4
 _FEW_INSIDE = 0.8
 _NIS_RATIO = 1.5
-_TELLS_LITTLE = 0.28
+_TELLS_LITTLE = 0.2
 
 
 def summary_of(

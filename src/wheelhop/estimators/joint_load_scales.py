@@ -28,6 +28,7 @@ from wheelhop.estimators.joint_load_model import (
 )
 from wheelhop.estimators.joint_load_params import JointLoadParams
 from wheelhop.filtering import Filter, Gaussian, StateSpaceModel, independent, scaled, unscented
+from wheelhop.filtering.interface import Lower
 
 RUNAWAY = 4.0
 """Scale of springs or dampers beyond which, or below whose inverse, they are not believed."""
@@ -91,6 +92,10 @@ def scaled_load_model() -> StateSpaceModel:
         rows = [list(row) for row in motion_noise(len(b), p, p.tuning.told_moment_walk)]
         for k in (15, 16):
             rows[k][k] = p.tuning.scale_walk**2 * p.dt
+        # noise of a_x and a_y moves the body that is predicted
+        for i, row in enumerate(_told_noise(p)):
+            for j, entry in enumerate(row):
+                rows[4 + i][4 + j] = rows[4 + i][4 + j] + p.dt**2 * entry
         return tuple(tuple(row) for row in rows)
 
     return StateSpaceModel(transition, observation, process_cov, _observation_cov)
@@ -117,13 +122,21 @@ def scaled_load_prior(p: JointLoadParams) -> Gaussian:
 def _observation_cov(p: JointLoadParams) -> Any:
     """Noise of the sensors, and of a_x and a_y as they move the body in the model."""
     rows = [list(row) for row in sensor_noise(p)]
+    for i, row in enumerate(_told_noise(p)):
+        for j, entry in enumerate(row):
+            rows[i][j] = rows[i][j] + entry
+    return tuple(tuple(row) for row in rows)
+
+
+def _told_noise(p: JointLoadParams) -> Lower:
+    """Covariance of the body's accelerations above the wheels by the noise of a_x and a_y."""
     total = p.body_mass + jnp.sum(p.wheel_mass, 0)
     moment = (p.tuning.horizontal_acceleration * total * p.lever) ** 2
     along, across = moment / p.pitch_inertia**2, moment / p.roll_inertia**2
-    for i in range(4):
-        for j in range(i + 1):
-            rows[i][j] = rows[i][j] + along * p.x[i] * p.x[j] + across * p.y[i] * p.y[j]
-    return tuple(tuple(row) for row in rows)
+    return tuple(
+        tuple(along * p.x[i] * p.x[j] + across * p.y[i] * p.y[j] for j in range(i + 1))
+        for i in range(4)
+    )
 
 
 def scales_of(
