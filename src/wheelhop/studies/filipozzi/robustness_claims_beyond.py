@@ -139,8 +139,7 @@ def _fitted_dampers(result: Robustness) -> Finding:
             + [youla[f] >= MUCH * fitted[f] for f in WRONG]
         ),
         f"Judged by {SMALL:.0%}, and by errors {MUCH:g} times smaller where the dampers are wrong. "
-        "Sensors are perfect. A damper whose curve has another shape than believed has no scale: "
-        "with perfect sensors the filter then leaves the truth, and warns.",
+        "Sensors are perfect. A damper whose curve has another shape than believed has no scale.",
     )
 
 
