@@ -118,7 +118,7 @@ def wheel_loads(
             (float(tuning.spring_doubt), float(tuning.damper_doubt)),
         )
         freedom = float(np.isfinite(np.stack(sample)).sum(0).mean())
-        tell_doubts(scales, min(m[4].mean() for m in told) / freedom)
+        tell_doubts(scales, float(np.nanmin([m[4].mean() for m in told])) / freedom)
         params = [replace(p, scale=jnp.asarray(scales.value, kind)) for p in params]
         before = len(walks)
     find = _Finder(joint_load_filter(), joint_load_prior, constant_params)
