@@ -56,7 +56,7 @@ class JointLoadTuning:
         spring_doubt: of the springs' scale beyond noise, relative: that of the height of the centre
             of mass.
         damper_doubt: of the dampers' scale beyond noise, relative: moments that are believed to
-            vary more than they do are taken for damping, 1 to 7 % in most drives of the study,
+            vary more than they do are taken for damping, 1 to 15 % in most drives of the study,
             27 % on a smooth slope that hardly moves them.
     """
 
